@@ -1,0 +1,258 @@
+"""The data that flows through the pipeline: frozen, shapes and units on every field.
+
+Frames of reference: `world` is the root of the camera's transform tree (z up where gravity is known), `camera` the
+optical frame (x right, y down, z forward; REP-103), `body` the object's own frame (see Body). `a_from_b` maps
+coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+IGNORE = 255  # label of pixels that are neither object nor background (an arm, an occluder)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """An undistorted pinhole camera."""
+
+    pixel_from_camera: np.ndarray  # intrinsic matrix, px, shape (3, 3)
+    world_from_camera: np.ndarray  # rigid transform, m, shape (4, 4)
+    width: int  # px
+    height: int  # px
+    frame_id: str = "camera_optical_frame"  # name of the camera frame
+    world_frame_id: str = ""  # name of the world frame; equal to frame_id where no transform is known
+
+    @property
+    def focal_px(self) -> float:
+        """Horizontal focal length [px]."""
+        return float(self.pixel_from_camera[0, 0])
+
+    @property
+    def position(self) -> np.ndarray:
+        """Optical centre in the world [m], shape (3,)."""
+        return self.world_from_camera[:3, 3]
+
+    @property
+    def pose_known(self) -> bool:
+        """Whether the world frame is another than the camera's."""
+        return bool(self.world_frame_id) and self.world_frame_id != self.frame_id
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (..., 2) [px] and depths (...) [m] of world points (..., 3) [m]."""
+        local = (points - self.position) @ self.world_from_camera[:3, :3]
+        homogeneous = local @ self.pixel_from_camera.T
+        return homogeneous[..., :2] / homogeneous[..., 2:], local[..., 2]
+
+    def backproject(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """World points (..., 3) [m] of pixels (..., 2) [px] at depths (...) [m]."""
+        return self.position + self.rays(pixels) * depth[..., None]
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """World directions (..., 3) of pixels (..., 2) [px], scaled to unit depth."""
+        k = self.pixel_from_camera
+        y = (pixels[..., 1] - k[1, 2]) / k[1, 1]
+        x = (pixels[..., 0] - k[0, 2] - k[0, 1] * y) / k[0, 0]
+        return np.stack([x, y, np.ones_like(x)], -1) @ self.world_from_camera[:3, :3].T
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A recording on a uniform clock: T frames, `period_s` apart. A frame that was lost is a copy of the one before
+    it, with `observed` false; nothing is fitted to it."""
+
+    frames: np.ndarray  # RGB, uint8, shape (T, H, W, 3)
+    start_ns: int  # stamp of frame 0 [ns]
+    period_s: float  # time between frames [s]
+    camera: Camera
+    depth: np.ndarray | None = None  # along the optical axis [m], 0 where unknown, float32, shape (T, H, W)
+    labels: np.ndarray | None = None  # 0 background, 1..n parts (1 at the clamp), 255 ignore; uint8, shape (T, H, W)
+    observed: np.ndarray | None = None  # bool, shape (T,); None: all
+    source: str = ""  # where the clip came from
+    notes: tuple[str, ...] = ()  # what was assumed while reading, one sentence each
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Time of every frame after frame 0 [s], shape (T,)."""
+        return np.arange(len(self)) * self.period_s
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Which frames were really received, bool, shape (T,)."""
+        return np.ones(len(self), bool) if self.observed is None else self.observed
+
+    def with_labels(self, labels: np.ndarray) -> Clip:
+        """The same clip with label images (T, H, W)."""
+        return replace(self, labels=labels)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """M surface points followed from frame 0."""
+
+    pixels: np.ndarray  # [px], shape (T, M, 2)
+    points: np.ndarray  # world [m], shape (T, M, 3); frame 0 is always finite
+    valid: np.ndarray  # bool, shape (T, M); frame 0 is always true
+    has_depth: bool  # whether motion along the line of sight was measured
+    noise_m: float  # standard deviation of one coordinate of a displacement [m], estimated from the tracks
+
+
+@dataclass(frozen=True)
+class Body:
+    """The filled solid: a silhouette extruded symmetrically to its mid-plane, on a raster of square cells.
+
+    Body frame: x leaves the clamp (the clamped face is the plane x = 0; without a clamp x starts at the silhouette's
+    lower edge), z is the thickness axis pointing towards the camera with the mid-plane at z = 0, y completes a
+    right-handed frame.
+    """
+
+    world_from_body: np.ndarray  # rigid transform, m, shape (4, 4)
+    inside: np.ndarray  # silhouette, bool, shape (nx, ny)
+    origin: np.ndarray  # centre of raster cell (0, 0) in the body's x and y [m], shape (2,)
+    pitch_m: float  # side of a raster cell [m]
+    half_thickness: np.ndarray  # distance of the surface from the mid-plane [m], shape (nx, ny)
+    part: np.ndarray  # 1..n on the silhouette (1 at the clamp), extended to its nearest value outside; (nx, ny) uint8
+    density: np.ndarray  # per part [kg/m^3], shape (n,)
+    poisson: np.ndarray  # per part, shape (n,)
+    gravity: np.ndarray  # body frame [m/s^2], shape (3,)
+    clamped: bool  # whether the face x = 0 is held
+    sources: dict[str, str] = field(default_factory=dict)  # what fixed density and metric scale, in words
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return len(self.density)
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume [m^3]."""
+        return float((self.inside * 2 * self.half_thickness).sum() * self.pitch_m**2)
+
+    def to_body(self, points: np.ndarray) -> np.ndarray:
+        """Body coordinates (..., 3) of world points (..., 3)."""
+        return (points - self.world_from_body[:3, 3]) @ self.world_from_body[:3, :3]
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates (..., 3) of body points (..., 3)."""
+        return points @ self.world_from_body[:3, :3].T + self.world_from_body[:3, 3]
+
+    def rotate_to_world(self, vectors: np.ndarray) -> np.ndarray:
+        """World components (..., 3) of body vectors (..., 3)."""
+        return vectors @ self.world_from_body[:3, :3].T
+
+    def rotate_to_body(self, vectors: np.ndarray) -> np.ndarray:
+        """Body components (..., 3) of world vectors (..., 3)."""
+        return vectors @ self.world_from_body[:3, :3]
+
+    def cell_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nearest raster cell, as two index arrays, of body points (..., 2 or 3); clipped to the raster."""
+        index = np.rint((points[..., :2] - self.origin) / self.pitch_m).astype(int)
+        return tuple(np.clip(index[..., i], 0, self.inside.shape[i] - 1) for i in (0, 1))  # type: ignore[return-value]
+
+    def part_at(self, points: np.ndarray) -> np.ndarray:
+        """Part numbers 1..n (...) at body points (..., 2 or 3)."""
+        return self.part[self.cell_of(points)]
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Material points that fill the body, in the body frame."""
+
+    x_rest: np.ndarray  # [m], shape (P, 3)
+    volume: np.ndarray  # [m^3], shape (P,); 0 < volume
+    part: np.ndarray  # 1..n, shape (P,)
+    density: np.ndarray  # [kg/m^3], shape (P,)
+    poisson: np.ndarray  # shape (P,)
+    ghost: np.ndarray  # bool, shape (P,): continues the body behind the clamp so that the grid is full there; never
+    # published, never weighed
+
+    @property
+    def own(self) -> np.ndarray:
+        """Indices of the particles that are the body itself."""
+        return np.flatnonzero(~self.ghost)
+
+    @property
+    def mass(self) -> np.ndarray:
+        """[kg], shape (P,)."""
+        return self.volume * self.density
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A regular grid in the body frame. Node (i, j, k) lies at origin + dx * (i, j, k)."""
+
+    origin: np.ndarray  # [m], shape (3,)
+    dx: float  # [m]
+    size: tuple[int, int, int]  # nodes along each axis
+    clamp_index: int = -1  # nodes with first index <= clamp_index are held (the clamped face lies on it); -1: none
+
+
+@dataclass(frozen=True)
+class Splats:
+    """3D Gaussians of the object in frame 0, world frame."""
+
+    mean: np.ndarray  # [m], float32, shape (G, 3)
+    rotation: np.ndarray  # unit quaternion wxyz, float32, shape (G, 4)
+    scale: np.ndarray  # standard deviations [m], float32, shape (G, 3)
+    opacity: np.ndarray  # 0..1, float32, shape (G,)
+    color: np.ndarray  # RGB 0..1, float32, shape (G, 3)
+
+
+@dataclass(frozen=True)
+class StartValues:
+    """What tracks and eigenmodes say before any simulation (arrays over parts have shape (n,))."""
+
+    young: np.ndarray  # [Pa], shape (n,)
+    log10_young_sd: np.ndarray  # shape (n,)
+    mass_damping: float  # alpha [1/s]: force density -alpha rho v
+    stiffness_damping: float  # beta [s]: Kelvin-Voigt stress beta C : d(strain)/dt
+    forced: np.ndarray  # frames in which a force may act, bool, shape (T,)
+    force_family: str  # name of the spatial family in fields.force: "uniform" or "gaussian"
+    footprint: np.ndarray  # its parameters; uniform: (0,); gaussian: centre x, y [m, body] and sigma [m], shape (3,)
+    force: np.ndarray  # amplitude per frame, body frame [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
+    initial_displacement: np.ndarray  # modal coordinates at frame 0 about rest, shape (r,); zeros when at rest
+    initial_velocity: np.ndarray  # their rates [1/s], shape (r,)
+    frequencies_hz: np.ndarray  # of the leading modes at `young`, shape (r,)
+    observed_hz: np.ndarray  # seen in the tracks, leading first
+    decay_per_s: np.ndarray  # of the observed frequencies
+    residual_m: float  # rms of the tail fit per coordinate [m]
+    track_cost: float  # mean squared misfit of the linear motion over all frames / mean squared motion
+    identified: np.ndarray  # bool, shape (n,)
+    reasons: tuple[str, ...]  # one sentence per part
+    has_free_tail: bool  # false: young is a guess, the joint schedule must find it
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """The answer: fields on the body's own particles, in the world frame."""
+
+    points: np.ndarray  # at rest [m], shape (N, 3)
+    volume: np.ndarray  # [m^3], shape (N,)
+    part: np.ndarray  # 1..n, shape (N,)
+    young: np.ndarray  # corrected for the grid's apparent stiffness [Pa], shape (N,)
+    young_solver: np.ndarray  # as the solver used it [Pa], shape (N,)
+    log10_young_sd: np.ndarray  # shape (N,)
+    poisson: np.ndarray  # shape (N,)
+    density: np.ndarray  # [kg/m^3], shape (N,)
+    force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
+    trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
+    clamped: np.ndarray  # bool, shape (N,): held by the clamp; left out of net forces
+    frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
+    grid: Grid
+    substeps: int  # per frame
+    mass_damping: float  # [1/s]
+    stiffness_damping: float  # [s]
+    initial_velocity: np.ndarray  # [m/s], world frame, shape (N, 3)
+    identified: np.ndarray  # per part, bool, shape (n,)
+    reasons: tuple[str, ...]  # per part, one sentence
+    metrics: dict[str, object]  # what metrics.json holds
+    notes: tuple[str, ...] = ()  # what was assumed, one sentence each
+
+    def net_force(self) -> np.ndarray:
+        """Sum of force * volume over the unclamped particles [N], shape (T, 3)."""
+        return np.einsum("tnc,n->tc", self.force.astype(float), self.volume * ~self.clamped)
