@@ -1,0 +1,89 @@
+"""From a clip to start values: everything that needs no simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..modes.model import ModalModel
+from ..types import IGNORE, Body, Clip, StartValues, Tracks
+from .progress import Progress
+
+LEAST_FRAMES = 8  # fewer cannot show an oscillation
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the solver starts from; goes to disk as clip.npz."""
+
+    clip: Clip  # with labels
+    depth0: np.ndarray  # of frame 0 on the object [m], shape (H, W)
+    depth_source: str
+    tracks: Tracks
+    body: Body
+    start: StartValues
+    modal: ModalModel
+
+
+def label(clip: Clip, settings: Settings) -> Clip:
+    """The clip with label images; those it already carries are kept."""
+    if clip.labels is not None:
+        return clip
+    from ..segment import label_clip
+
+    return clip.with_labels(label_clip(clip, settings))
+
+
+def check_clip(clip: Clip) -> None:
+    """Refuses clips that cannot be worked on."""
+    if len(clip) < LEAST_FRAMES:
+        raise InputError(f"{clip.source or 'clip'}: has {len(clip)} frame(s), needs at least {LEAST_FRAMES}; record a longer clip")
+    if clip.labels is not None:
+        object_px = int(((clip.labels[0] > 0) & (clip.labels[0] != IGNORE)).sum())
+        if object_px < 50:
+            raise InputError(
+                f"{clip.source or 'clip'}: the object mask of frame 0 holds {object_px} pixels, needs at least 50; "
+                "give a mask with scene.first_mask or choose another segment.method"
+            )
+
+
+def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepared]:
+    """Labels, depth, tracks, body, start values. Yields news, returns Prepared."""
+    from ..depth import surface_depth
+    from ..modes import start_values
+    from ..particles import build_body
+    from ..tracks import follow
+
+    check_clip(clip)
+    yield Progress("segment", text="object mask and parts")
+    clip = label(clip, settings)
+    check_clip(clip)
+    yield Progress("depth", text="depth of the visible surface")
+    depth0, source = surface_depth(clip, settings)
+    yield Progress("tracks", text="following surface points")
+    tracks = follow(clip, depth0, settings)
+    yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
+    body = build_body(clip, depth0, settings)
+    yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
+    start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera)
+    prepared = Prepared(clip, depth0, source, tracks, body, start, modal)
+    yield Progress("modes", text=describe_start(start), artefact=start)
+    return prepared
+
+
+def describe_start(start: StartValues) -> str:
+    """The start values in a line or two for people."""
+    parts = ", ".join(f"{e:.4g} Pa (x/ {10**s:.2f})" for e, s in zip(start.young, start.log10_young_sd, strict=True))
+    forced = np.flatnonzero(start.forced)
+    span = f"frames {forced[0]}..{forced[-1]}" if len(forced) else "no frame"
+    tones = ", ".join(f"{f:.2f}" for f in start.observed_hz)
+    return f"start values: E = {parts}; seen {tones} Hz; force in {span} ({start.force_family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
+
+
+def scaled_start(start: StartValues, factor: float) -> StartValues:
+    """Start values with Young's modulus and the force multiplied by a factor: the same static motion, another speed."""
+    return start if factor == 1.0 else replace(start, young=start.young * factor)
