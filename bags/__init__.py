@@ -1,0 +1,1 @@
+"""Recordings: reading and writing bags, the bundled sample and its maker."""
