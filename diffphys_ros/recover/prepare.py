@@ -85,5 +85,5 @@ def describe_start(start: StartValues) -> str:
 
 
 def scaled_start(start: StartValues, factor: float) -> StartValues:
-    """Start values with Young's modulus and the force multiplied by a factor: the same static motion, another speed."""
+    """Start values with Young's modulus multiplied by a factor; all else as it was."""
     return start if factor == 1.0 else replace(start, young=start.young * factor)

@@ -1,0 +1,166 @@
+"""Command line: `diffphys recover | ingest | score | settings`."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Any
+
+from . import __version__, config
+from .errors import InputError, SimulationError
+
+USAGE_ERROR, INTERRUPTED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns the exit status: 0 done, 2 bad input, 130 interrupted."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        options = _parse(list(sys.argv[1:] if arguments is None else arguments))
+        return options.run(options) or 0
+    except (InputError, SimulationError) as error:
+        print(f"diffphys: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        print("diffphys: interrupted; `--resume` goes on from the last checkpoint", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="diffphys", description="Stiffness and forces of a deforming object from one video.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    for name, run, text, out in (
+        ("recover", _recover, "clip in, fields out", "folder of the results"),
+        ("ingest", _ingest, "clip in, prepared clip.npz out (tracks, start values; the solver goes on from it elsewhere)", "clip.npz to write"),
+    ):
+        command = commands.add_parser(name, help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
+        command.add_argument("clip", help="MCAP file, rosbag2 folder, video file, image folder, or a prepared .npz")
+        command.add_argument("--out", required=True, type=Path, help=out)
+        command.add_argument("--config", action="append", default=[], type=Path, help="YAML of settings; may be repeated, later files win")
+        command.set_defaults(run=run)
+        if name == "recover":
+            command.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+
+    score = commands.add_parser("score", help="compare results with a known truth")
+    score.add_argument("folder", type=Path, help="folder that recover wrote")
+    score.add_argument("--truth", required=True, type=Path, help="truth.npz")
+    score.set_defaults(run=_score)
+    commands.add_parser("settings", help="list every setting with unit, range and default").set_defaults(run=_settings)
+
+    options, rest = parser.parse_known_args(arguments)
+    if rest and not hasattr(options, "config"):
+        raise InputError(f"command line: {rest[0]!r} is unknown here; see `diffphys {options.command} --help`")
+    options.flags = _flags(rest)
+    return options
+
+
+def _flags(words: list[str]) -> dict[str, Any]:
+    """Dotted settings of the command line: `--scene.mass_kg 0.8` or `--scene.mass_kg=0.8`."""
+    known, values = config.leaves(), {}
+    words = list(words)
+    while words:
+        word = words.pop(0)
+        if not word.startswith("--"):
+            raise InputError(f"command line: {word!r} is not a flag; settings look like `--scene.mass_kg 0.8`")
+        name, given, text = word[2:].partition("=")
+        if name not in known:
+            config.build({name: None}, "command line")
+        if not given:
+            if not words:
+                raise InputError(f"command line: --{name} has no value; {known[name].doc}")
+            text = words.pop(0)
+        values[name] = config.parse_text(known[name], text)
+    return values
+
+
+def _recover(options: argparse.Namespace) -> int:
+    settings = config.layered(options.config, options.flags)
+    from . import result
+    from .recover import Checkpoint, run, solve_prepared
+
+    result.check_writable(options.out)
+    checkpoint = Checkpoint(options.out / "checkpoint.npz", every_s=settings.fit.checkpoint_every_s, resume=options.resume)
+    if str(options.clip).endswith(".npz"):
+        prepared = result.load_prepared(_existing(options.clip))
+        steps = solve_prepared(prepared, settings, checkpoint=checkpoint)
+    else:
+        steps = run(_existing(options.clip), settings, checkpoint=checkpoint)
+    prepared, splats, recovery = show(steps)
+    notes = result.write_all(recovery, prepared.clip, settings, options.out, splats=splats)
+    for note in (*recovery.notes, *notes):
+        print(f"note: {note}")
+    checkpoint.remove()
+    for name in ("psnr_masked", "psnr_masked_frozen_frame"):
+        print(f"{name}: {recovery.metrics[name]:.2f} dB")
+    print(f"results in {options.out}")
+    return 0
+
+
+def _ingest(options: argparse.Namespace) -> int:
+    settings = config.layered(options.config, options.flags)
+    from . import result
+    from .bags.read import read_clip
+    from .recover import prepare
+
+    result.check_writable(options.out.parent)
+    prepared = show(prepare(read_clip(_existing(options.clip), settings), settings))
+    result.save_prepared(options.out, prepared)
+    print(f"prepared clip in {options.out}")
+    return 0
+
+
+def _score(options: argparse.Namespace) -> int:
+    from .score import score_folder
+
+    for name, value in score_folder(options.folder, _existing(options.truth)).items():
+        print(f"{name}: {value}")
+    return 0
+
+
+def _settings(options: argparse.Namespace) -> int:
+    for leaf in config.leaves().values():
+        print(f"{leaf.name:28} {leaf.default!s:10} {leaf.unit:8} {leaf.range_text:24} {leaf.doc}")
+    return 0
+
+
+def _existing(path: str | Path) -> Path:
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; give the path of an existing one")
+    return path
+
+
+def show(steps: Generator[Any, None, Any]) -> Any:
+    """Drives a generator of Progress, printing stages as lines and iterations as a bar with loss and time left."""
+    from tqdm import tqdm
+
+    bar: tqdm | None = None
+    try:
+        while True:
+            news = next(steps)
+            if news.iterations and news.iteration:
+                if bar is None or bar.desc != news.stage or bar.total != news.iterations:
+                    if bar is not None:
+                        bar.close()
+                    bar = tqdm(total=news.iterations, desc=news.stage, bar_format="{desc:8} {n_fmt}/{total_fmt} |{bar}| {postfix} {elapsed}")
+                bar.n = news.iteration
+                loss = "" if news.loss is None else f"loss {news.loss:.4g}"
+                left = "" if news.seconds_left is None else f", {news.seconds_left:.0f} s left"
+                bar.set_postfix_str(loss + left + (f" {news.text}" if news.text else ""))
+            elif news.text:
+                (tqdm.write if bar is not None else print)(f"{news.stage:8} {news.text}")
+                sys.stdout.flush()
+    except StopIteration as stop:
+        return stop.value
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
