@@ -1,0 +1,200 @@
+"""Results on disk: recovery.npz, metrics.json and what shows them (recovery.mcap, recovery.rrd, summary.png).
+
+recovery.npz holds everything that a re-simulation needs, so that nothing is fitted twice. It depends on the input and the
+settings alone: no clock, no absolute path.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import config, store
+from .errors import InputError
+from .types import Body, Camera, Clip, Grid, Recovery, StartValues, Tracks
+
+if TYPE_CHECKING:
+    from .recover.prepare import Prepared
+
+RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
+
+_FIELDS = ("points", "volume", "part", "young_solver", "log10_young_sd", "poisson", "density", "force", "trajectory", "clamped")
+_SCALARS = ("substeps", "mass_damping", "stiffness_damping")
+
+
+def check_writable(folder: str | Path) -> Path:
+    """Make `folder` and prove that a file can be written in it. Raises InputError; call it before any work."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"output folder {folder}: {error.strerror or error}; choose a folder that can be written with --out") from error
+    return folder
+
+
+def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str | Path) -> Path:
+    """Write recovery.npz and metrics.json into `folder`; returns the path of the former.
+
+    Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
+    part is not identified), young_solver (before the grid's correction), log10_young_sd, poisson, density, clamped (N,),
+    force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered, initial_velocity (N, 3),
+    grid_origin (3,), grid_dx, grid_size (3,), grid_clamp_index, substeps, mass_damping [1/s], stiffness_damping [s],
+    identified (n,), reasons (n,), period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of dotted settings).
+    """
+    folder = check_writable(folder)
+    path = store.write_arrays(folder / RECOVERY, _arrays(recovery, clip, settings))
+    write_metrics(folder, recovery.metrics | {"notes": list(recovery.notes)})
+    return path
+
+
+def load(folder: str | Path) -> Recovery:
+    """The Recovery that `save` wrote into `folder`. Raises InputError where there is none."""
+    path = Path(folder) / RECOVERY
+    z = store.read_arrays(path, "recovery")
+    metrics = read_metrics(folder)
+    notes = tuple(metrics.pop("notes", ()))  # type: ignore[arg-type]
+    try:
+        grid = Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"]))
+        return Recovery(
+            **{name: z[name] for name in (*_FIELDS, "young", "initial_velocity", "identified")},
+            **{name: z[name].item() for name in _SCALARS},
+            frames=z.get("frames"),
+            grid=grid,
+            reasons=tuple(z["reasons"].tolist()),
+            metrics=metrics,
+            notes=notes,
+        )
+    except KeyError as error:
+        raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
+
+
+def write_all(
+    recovery: Recovery,
+    clip: Clip,
+    settings: config.Settings,
+    folder: str | Path,
+    *,
+    splats: Any = None,
+    report: Callable[[str], None] = lambda text: None,
+) -> list[str]:
+    """Everything `save` writes, then recording, rerun file and figure.
+
+    `report` is told each file as it is begun. Returns one sentence for each file that was left out because a package it
+    needs is not installed.
+    """
+    save(recovery, clip, settings, folder)
+    folder, left_out = Path(folder), []
+    for name, write in _exports(recovery, clip, settings, splats):
+        report(name)
+        try:
+            store.write_whole(folder / name, write)
+        except ModuleNotFoundError as error:
+            if (error.name or "").split(".")[0] == "diffphys_ros":
+                raise
+            left_out.append(f"{name} was left out because the package {error.name!r} is not installed.")
+    return left_out
+
+
+def save_prepared(path: str | Path, prepared: Prepared, settings: config.Settings) -> Path:
+    """The clip.npz from which a machine with only torch, numpy, scipy and Warp goes on; holds the settings as well."""
+    return store.save(path, {"prepared": prepared, "settings": _portable(settings)})
+
+
+def load_prepared(path: str | Path) -> tuple[Prepared, dict[str, Any]]:
+    """What `save_prepared` wrote: the prepared clip and its settings by dotted name. Raises InputError."""
+    from .modes.model import ModalModel
+    from .recover.prepare import Prepared
+
+    found = store.load(path, (Prepared, ModalModel, Camera, Clip, Tracks, Body, StartValues))
+    if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
+        raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
+    return found["prepared"], found["settings"]
+
+
+def write_metrics(folder: str | Path, metrics: dict[str, object]) -> Path:
+    """metrics.json; numbers that are not finite become null."""
+    text = json.dumps(_plain(metrics), indent=1) + "\n"
+    return store.write_whole(Path(folder) / METRICS, lambda path: path.write_text(text, encoding="utf-8"))
+
+
+def read_metrics(folder: str | Path) -> dict[str, object]:
+    """What metrics.json of a result folder holds; empty where there is none. Raises InputError for a broken one."""
+    path = Path(folder) / METRICS
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"metrics {path}: {error}; recover the clip again") from error
+
+
+def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: Any) -> Iterator[tuple[str, Callable[[Path], object]]]:
+    # Imported late: a machine that only solves has none of these packages.
+    def recording(path: Path) -> object:
+        from .bags.write import write_recording
+        from .msg_schemas import recording as messages
+
+        return write_recording(path, messages(recovery, clip, settings))
+
+    def rerun_file(path: Path) -> object:
+        from .report.rerun_log import write_rrd
+
+        return write_rrd(path, recovery, clip, splats=splats)
+
+    def figure(path: Path) -> object:
+        from .report.figure import summary
+
+        return summary(path, recovery, clip)
+
+    return iter(((RECORDING, recording), (RERUN, rerun_file), (FIGURE, figure)))
+
+
+def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[str, Any]:
+    grid = recovery.grid
+    rendered = {} if recovery.frames is None else {"frames": recovery.frames}
+    return {
+        **{name: getattr(recovery, name) for name in _FIELDS},
+        "young": np.where(recovery.identified[recovery.part - 1], recovery.young, np.nan),
+        **rendered,
+        "initial_velocity": recovery.initial_velocity,
+        "grid_origin": grid.origin,
+        "grid_dx": grid.dx,
+        "grid_size": np.array(grid.size),
+        "grid_clamp_index": grid.clamp_index,
+        **{name: getattr(recovery, name) for name in _SCALARS},
+        "identified": recovery.identified,
+        "reasons": np.array(recovery.reasons),
+        "period_s": clip.period_s,
+        "start_ns": clip.start_ns,
+        "stamps_ns": clip.start_ns + np.rint(clip.times * 1e9).astype(np.int64),
+        "frame_id": np.array(clip.camera.world_frame_id or clip.camera.frame_id),
+        "config": np.array(json.dumps(_portable(settings))),
+    }
+
+
+def _portable(settings: config.Settings) -> dict[str, Any]:
+    """Dotted settings whose files are named without the folder they happened to lie in."""
+    leaves = config.leaves()
+    return {name: Path(value).name if leaves[name].path and value else value for name, value in config.flat(settings).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,134 @@
+"""A recovery against a known truth. Nothing else in the package opens a truth.
+
+A truth is an .npz of a finite-element scene with V vertices and T frames: rest_vertices (V, 3), positions (T, V, 3) [m, world],
+part_E (n,) and vertex_E (V,) [Pa], vertex_part (V,) 0..n-1, interface (V,) bool (vertices shared by parts), vertex_volume (V,)
+[m^3], clamped (V,) bool, force_density (T, V, 3) [N/m^3].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from . import store
+from .errors import InputError
+
+ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
+FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
+NEIGHBOURS = 4  # of the inverse-distance interpolation between points and truth vertices
+
+_TRUTH = ("rest_vertices", "positions", "part_E", "vertex_E", "vertex_part", "interface", "vertex_volume", "clamped", "force_density")
+_RECOVERY = ("points", "young", "force", "trajectory")
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
+    """Figures of a recovery.npz against a truth.npz.
+
+    young_log10_error: log10(recovered / true) by part, of the median over points off the interface, None where not identified;
+    young_ratio_error: worst |log10| of the error in the ratio of two parts, None with fewer than two;
+    net_force_cosine: mean cosine of recovered and true net force over forced frames; false_force_ratio: rms of the recovered
+    net force over force-free frames / true peak; trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
+    With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n. Raises InputError for unreadable files.
+    """
+    recovery, truth = _read(recovery_npz, "recovery", _RECOVERY), _read(truth_npz, "truth", _TRUTH)
+    if recovery["points"].ndim != 2 or not np.isfinite(recovery["points"]).all():
+        raise InputError(f"recovery {recovery_npz}: points must be a finite (N, 3) array; recover the clip again")
+    vertices, nearest = _match(truth, recovery["points"])
+    return {
+        **_score_young(truth, nearest, recovery["young"]),
+        **_score_force(truth, _spread(recovery["points"], vertices, recovery["force"][: len(truth["positions"])].astype(float))),
+        "trajectory_rmse_over_rms_motion": _score_motion(truth, vertices, recovery),
+    }
+
+
+def net_force(truth: Arrays) -> np.ndarray:
+    """True net force on the unclamped vertices [N], shape (T, 3)."""
+    return np.einsum("tnc,n->tc", truth["force_density"].astype(float), _free_volume(truth))
+
+
+def read_truth(path: str | Path) -> dict[str, np.ndarray]:
+    """The arrays of a truth.npz that are scored. Raises InputError where one is missing."""
+    return _read(path, "truth", _TRUTH)
+
+
+def _read(path: str | Path, what: str, needed: tuple[str, ...]) -> dict[str, np.ndarray]:
+    arrays = store.read_arrays(path, what)
+    missing = [name for name in needed if name not in arrays]
+    if missing:
+        raise InputError(f"{what} {path}: misses {', '.join(missing)}; give a {what}.npz that holds {', '.join(needed)}")
+    return {name: arrays[name] for name in needed}
+
+
+def _match(truth: Arrays, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Truth vertices (V, 3) at rest or in frame 0, whichever lies nearer to the points, and the nearest one of each point."""
+    found = []
+    for vertices in (truth["positions"][0].astype(float), truth["rest_vertices"]):
+        distance, index = cKDTree(vertices).query(points)
+        found.append((distance.mean(), vertices, index))
+    in_frame_0, at_rest = found
+    _, vertices, index = at_rest if at_rest[0] < in_frame_0[0] - 1e-9 else in_frame_0
+    return vertices, index
+
+
+def _spread(sources: np.ndarray, targets: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (T, S, 3) at sources (S, 3), interpolated to targets (D, 3) by inverse squared distance: (T, D, 3)."""
+    count = min(NEIGHBOURS, len(sources))
+    distance, index = cKDTree(sources).query(targets, k=[*range(1, count + 1)])
+    weight = 1 / np.maximum(distance, 1e-12) ** 2
+    weight[distance[:, 0] < 1e-7] = np.eye(count)[0]
+    weight /= weight.sum(1, keepdims=True)
+    return np.einsum("tdkc,dk->tdc", values[:, index], weight)
+
+
+def _score_young(truth: Arrays, nearest: np.ndarray, young: np.ndarray) -> dict[str, object]:
+    scored = ~truth["interface"][nearest] & np.isfinite(young)
+    true = [float(e) for e in truth["part_E"]]
+    medians = [_median(np.log10(young[scored & (truth["vertex_part"][nearest] == part)])) for part in range(len(true))]
+    error = [None if m is None else m - float(np.log10(e)) for m, e in zip(medians, true, strict=True)]
+    ratios = [abs(a - b) for a, b in combinations([e for e in error if e is not None], 2)]
+    return {
+        "young_log10_error": error,
+        "young_ratio_error": max(ratios, default=None),
+        "young_pa": [None if m is None else 10**m for m in medians],
+        "young_true_pa": true,
+    }
+
+
+def _score_force(truth: Arrays, force: np.ndarray) -> dict[str, object]:
+    """Force: recovered density at the truth's vertices (T, V, 3)."""
+    volume, density = _free_volume(truth), truth["force_density"][: len(force)].astype(float)
+    true, found = (np.einsum("tnc,n->tc", f, volume) for f in (density, force))
+    size, size_found = np.linalg.norm(true, axis=1), np.linalg.norm(found, axis=1)
+    active = size > ACTIVE_SHARE * size.max()
+    energy = np.einsum("tnc,tnc,n->t", density, density, volume)
+    free = energy <= FREE_SHARE * energy.max()
+    cosine = (true * found).sum(1) / np.maximum(size * size_found, np.finfo(float).tiny)
+    return {
+        "net_force_cosine": float(cosine[active].mean()) if active.any() else None,
+        "false_force_ratio": float(np.sqrt((size_found[free] ** 2).mean()) / size.max()) if free.any() and size.max() else None,
+        "force_peak_n": float(size_found.max()),
+        "force_peak_true_n": float(size.max()),
+    }
+
+
+def _score_motion(truth: Arrays, vertices: np.ndarray, recovery: Arrays) -> float | None:
+    path = recovery["trajectory"][: len(truth["positions"])].astype(float)
+    true = truth["positions"][: len(path)].astype(float)
+    motion = _spread(vertices, recovery["points"], true - true[0])
+    moved = (motion**2).sum(2).mean()
+    return float(np.sqrt(((path - path[0] - motion) ** 2).sum(2).mean() / moved)) if moved > 0 else None
+
+
+def _free_volume(truth: Arrays) -> np.ndarray:
+    # what acts on held vertices goes into the support and moves nothing
+    return np.where(truth["clamped"], 0.0, truth["vertex_volume"])
+
+
+def _median(values: np.ndarray) -> float | None:
+    return float(np.median(values)) if len(values) else None

@@ -1,0 +1,127 @@
+"""Frozen dataclasses on disk: one .npz of plain arrays and a JSON outline; no pickle, equal bytes for equal content."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+
+_OUTLINE = "outline"
+
+
+def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
+    """Let `write(temporary)` make a file beside `path`, then put it in place: the file is there whole or not at all.
+
+    Raises InputError where the folder cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
+        os.close(handle)
+    except OSError as error:
+        raise InputError(f"output {path}: {error.strerror or error}; choose a folder that can be written") from error
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"output {path}: {error.strerror or error}; free space or choose another folder") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """A compressed .npz, whole or not at all; np.savez dates its members 1980, so equal arrays give equal bytes."""
+
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+
+    return write_whole(path, write)
+
+
+def read_arrays(path: str | Path, what: str) -> dict[str, np.ndarray]:
+    """Every array of an .npz. Raises InputError where there is none; `what` says in words what was looked for."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except FileNotFoundError as error:
+        raise InputError(f"{what} {path}: no such file; give the path of an existing .npz") from error
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise InputError(f"{what} {path}: not a readable .npz ({error}); write it again") from error
+
+
+def save(path: str | Path, value: Any) -> Path:
+    """Write a dataclass of arrays, scalars, text, tuples, lists, dicts and dataclasses, nested as you like.
+
+    A class that is no dataclass takes part with `to_arrays() -> dict` and `from_arrays(dict)`.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    outline = _encode(value, arrays)
+    return write_arrays(path, {_OUTLINE: np.array(json.dumps(outline)), **arrays})
+
+
+def load(path: str | Path, classes: Iterable[type]) -> Any:
+    """What `save` wrote; `classes` are those that may be built. Raises InputError for a file of another kind."""
+    arrays = read_arrays(path, "clip")
+    if _OUTLINE not in arrays:
+        raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
+    try:
+        return _decode(json.loads(str(arrays[_OUTLINE])), arrays, {c.__name__: c for c in classes})
+    except (KeyError, TypeError) as error:
+        raise InputError(f"clip {path}: written by another version ({error}); write it again with 'diffphys ingest'") from error
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        name = f"array_{len(arrays):03d}"
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, (tuple, list)):
+        return {type(value).__name__: [_encode(item, arrays) for item in value]}
+    if isinstance(value, dict):
+        return {"dict": {str(key): _encode(item, arrays) for key, item in value.items()}}
+    kind = type(value).__name__
+    if dataclasses.is_dataclass(value):
+        return {"class": kind, "fields": {f.name: _encode(getattr(value, f.name), arrays) for f in dataclasses.fields(value)}}
+    if hasattr(value, "to_arrays"):
+        return {"class": kind, "arrays": _encode(dict(value.to_arrays()), arrays)}
+    raise TypeError(f"cannot store a {kind}")
+
+
+def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str, type]) -> Any:
+    if not isinstance(outline, dict):
+        return outline
+    if "array" in outline:
+        return arrays[outline["array"]]
+    for kind in (tuple, list):
+        if kind.__name__ in outline:
+            return kind(_decode(item, arrays, classes) for item in outline[kind.__name__])
+    if "dict" in outline:
+        return {key: _decode(item, arrays, classes) for key, item in outline["dict"].items()}
+    cls: Any = classes[outline["class"]]
+    if "arrays" in outline:
+        return cls.from_arrays(_decode(outline["arrays"], arrays, classes))
+    return cls(**{key: _decode(item, arrays, classes) for key, item in outline["fields"].items()})

@@ -1,0 +1,79 @@
+"""What several rooms' tests share: a small made-up recovery with the clip it belongs to."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros.types import Camera, Clip, Grid, Recovery
+
+FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
+SPACING = 0.01  # m
+
+
+@pytest.fixture(scope="session")
+def scenes() -> Path:
+    """Folder of truth scenes, named by DIFFPHYS_SCENES."""
+    folder = os.environ.get("DIFFPHYS_SCENES")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("DIFFPHYS_SCENES names no folder of truth scenes")
+    return Path(folder)
+
+
+@pytest.fixture
+def made_clip() -> Clip:
+    """A block that slides to the right over a plain background, seen from 0.5 m in front."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # camera looks along world y
+    pose[:3, 3] = [0.05, -0.5, 0.01]
+    camera = Camera(np.array([[120.0, 0, 31.5], [0, 120.0, 23.5], [0, 0, 1]]), pose, WIDTH, HEIGHT, "camera_optical", "world")
+    frames = np.full((FRAMES, HEIGHT, WIDTH, 3), 90, np.uint8)
+    labels = np.zeros((FRAMES, HEIGHT, WIDTH), np.uint8)
+    for k in range(FRAMES):
+        left = 20 + round(3 * _swing(k))
+        frames[k, 18:30, left : left + 12], labels[k, 18:30, left : left + 12] = (60, 90, 200), 1
+        frames[k, 18:30, left + 12 : left + 24], labels[k, 18:30, left + 12 : left + 24] = (220, 180, 60), 2
+    return Clip(frames, 1_700_000_000_000_000_000, PERIOD_S, camera, labels=labels, source="made up")
+
+
+@pytest.fixture
+def made_recovery(made_clip: Clip) -> Recovery:
+    """A beam of two parts, held at x = 0, under a uniform gust along z in frames 2 to 5."""
+    points = np.stack(np.meshgrid(np.arange(10) + 0.5, np.arange(2) + 0.5, np.arange(2) + 0.5, indexing="ij"), -1).reshape(-1, 3) * SPACING
+    count, part = len(points), np.where(points[:, 0] < 0.05, 1, 2)
+    swing = np.array([_swing(k) for k in range(FRAMES)])
+    motion = np.zeros((FRAMES, count, 3))
+    motion[..., 2] = 0.02 * swing[:, None] * (points[:, 0] / 0.1) ** 2
+    force = np.zeros((FRAMES, count, 3), np.float32)
+    force[2:6, :, 2] = 400 * np.sin(np.pi * (np.arange(4) + 0.5) / 4)[:, None]
+    young = np.where(part == 1, 8e4, 2e4)
+    return Recovery(
+        points=points,
+        volume=np.full(count, SPACING**3),
+        part=part,
+        young=young,
+        young_solver=0.96 * young,
+        log10_young_sd=np.where(part == 1, 0.02, 0.03),
+        poisson=np.full(count, 0.3),
+        density=np.full(count, 500.0),
+        force=force,
+        trajectory=(points + motion).astype(np.float32),
+        clamped=points[:, 0] < SPACING,
+        frames=made_clip.frames,
+        grid=Grid(np.array([-0.03, -0.03, -0.03]), SPACING, (16, 8, 8), 3),
+        substeps=40,
+        mass_damping=0.2,
+        stiffness_damping=1e-3,
+        initial_velocity=np.zeros((count, 3)),
+        identified=np.array([True, True]),
+        reasons=("seen in two frequencies", "seen in two frequencies"),
+        metrics={"psnr_masked": 31.0, "loss": [1.0, float("nan")]},
+        notes=("density assumed",),
+    )
+
+
+def _swing(frame: int) -> float:
+    return float(np.sin(2 * np.pi * 3.0 * frame * PERIOD_S))

@@ -1,0 +1,84 @@
+"""Claims about a result folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros import config, result
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Clip, Recovery
+
+
+def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    result.save(made_recovery, made_clip, config.Settings(), tmp_path)
+    back = result.load(tmp_path)
+    for f in dataclasses.fields(Recovery):
+        if f.name not in ("grid", "metrics"):
+            np.testing.assert_array_equal(getattr(back, f.name), getattr(made_recovery, f.name), err_msg=f.name)
+    assert (back.grid.dx, back.grid.size, back.grid.clamp_index) == (0.01, (16, 8, 8), 3)
+    np.testing.assert_array_equal(back.grid.origin, made_recovery.grid.origin)
+    assert back.force.dtype == np.float32
+
+
+def test_equal_recoveries_give_equal_bytes_wherever_the_mask_lay(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    first, second = (
+        result.save(made_recovery, made_clip, config.build({"scene.first_mask": f"/{where}/mask0.png"}), tmp_path / where).read_bytes()
+        for where in ("here", "there")
+    )
+    assert first == second
+
+
+def test_timings_in_the_metrics_do_not_reach_recovery_npz(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    later = dataclasses.replace(made_recovery, metrics={"seconds": 12.0}, notes=("other",))
+    first, second = (
+        result.save(r, made_clip, config.Settings(), tmp_path / name).read_bytes() for r, name in ((made_recovery, "a"), (later, "b"))
+    )
+    assert first == second
+
+
+def test_young_is_nan_where_its_part_is_not_identified(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    unsure = dataclasses.replace(made_recovery, identified=np.array([True, False]))
+    with np.load(result.save(unsure, made_clip, config.Settings(), tmp_path)) as z:
+        np.testing.assert_array_equal(np.isnan(z["young"]), made_recovery.part == 2)
+        assert np.isfinite(z["young_solver"]).all()
+
+
+def test_the_npz_holds_time_frame_and_settings(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    settings = config.build({"scene.mass_kg": 0.8, "fit.iterations": 3})
+    with np.load(result.save(made_recovery, made_clip, settings, tmp_path)) as z:
+        assert config.build(json.loads(str(z["config"]))) == settings
+        assert str(z["frame_id"]) == "world"
+        assert z["stamps_ns"][1] - z["stamps_ns"][0] == 33_333_333
+        assert z["stamps_ns"][0] == z["start_ns"] == made_clip.start_ns
+
+
+def test_metrics_are_json_without_nan(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    result.save(made_recovery, made_clip, config.Settings(), tmp_path)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics == {"psnr_masked": 31.0, "loss": [1.0, None], "notes": ["density assumed"]}
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(InputError, match=r"output folder .*taken.*--out"):
+        result.check_writable(tmp_path / "taken")
+
+
+def test_checking_a_folder_leaves_nothing_in_it(tmp_path: Path) -> None:
+    assert list(result.check_writable(tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_loading_from_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        result.load(tmp_path)
+
+
+def test_an_npz_that_misses_an_array_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "recovery.npz", points=np.zeros((1, 3)))
+    with pytest.raises(InputError, match="is missing; recover the clip again"):
+        result.load(tmp_path)

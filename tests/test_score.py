@@ -1,0 +1,146 @@
+"""Claims about scoring, on a made-up truth with known answers and against the scenes' own scorer."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.score import score
+
+FRAMES = 20
+Arrays = dict[str, np.ndarray]
+
+
+@pytest.fixture
+def truth() -> Arrays:
+    """A beam of two parts that is pushed along y in frames 3 to 9, held at x = 0."""
+    vertices = np.stack(np.meshgrid(np.linspace(0, 0.4, 11), [-0.03, 0.03], [-0.03, 0.03], indexing="ij"), -1).reshape(-1, 3)
+    count, part = len(vertices), (vertices[:, 0] > 0.21).astype(int)
+    positions = np.repeat(vertices[None], FRAMES, 0)
+    positions[..., 1] += 0.02 * np.sin(0.4 * np.arange(FRAMES))[:, None] * (vertices[:, 0] / 0.4) ** 2
+    force = np.zeros((FRAMES, count, 3))
+    force[3:10, :, 1] = 500.0
+    return {
+        "rest_vertices": vertices,
+        "positions": positions,
+        "part_E": np.array([1e6, 2e5]),
+        "vertex_E": np.where(part == 0, 1e6, 2e5),
+        "vertex_part": part,
+        "interface": np.abs(vertices[:, 0] - 0.2) < 1e-9,
+        "vertex_volume": np.full(count, 0.00144 / count),
+        "clamped": vertices[:, 0] < 1e-9,
+        "force_density": force,
+    }
+
+
+def exact(truth: Arrays) -> Arrays:
+    return {
+        "points": truth["rest_vertices"],
+        "young": truth["vertex_E"],
+        "force": truth["force_density"].copy(),
+        "trajectory": truth["positions"].copy(),
+    }
+
+
+def scored(folder: Path, truth: Arrays, recovery: Arrays) -> dict:
+    np.savez(folder / "truth.npz", **truth)
+    np.savez(folder / "recovery.npz", **recovery)
+    return score(folder / "recovery.npz", folder / "truth.npz")
+
+
+def test_the_truth_itself_scores_without_error(tmp_path: Path, truth: Arrays) -> None:
+    found = scored(tmp_path, truth, exact(truth))
+    assert found["young_log10_error"] == pytest.approx([0, 0], abs=1e-12)
+    assert found["young_ratio_error"] == pytest.approx(0, abs=1e-12)
+    assert found["net_force_cosine"] == pytest.approx(1)
+    assert found["false_force_ratio"] == 0
+    assert found["trajectory_rmse_over_rms_motion"] == pytest.approx(0, abs=1e-9)
+
+
+def test_youngs_error_is_signed_and_by_part(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth) | {"young": truth["vertex_E"] * np.where(truth["vertex_part"] == 0, 10.0, 0.1)}
+    found = scored(tmp_path, truth, recovery)
+    assert found["young_log10_error"] == pytest.approx([1, -1])
+    assert found["young_ratio_error"] == pytest.approx(2)
+
+
+def test_points_on_an_interface_do_not_count(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth) | {"young": np.where(truth["interface"], 1e12, truth["vertex_E"])}
+    assert scored(tmp_path, truth, recovery)["young_log10_error"] == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_a_part_that_is_not_identified_scores_none(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth) | {"young": np.where(truth["vertex_part"] == 1, np.nan, truth["vertex_E"])}
+    found = scored(tmp_path, truth, recovery)
+    assert found["young_log10_error"][1] is None
+    assert found["young_ratio_error"] is None
+
+
+def test_a_force_turned_by_sixty_degrees_has_half_the_cosine(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth)
+    recovery["force"][..., 2] = np.sqrt(3) * recovery["force"][..., 1]
+    assert scored(tmp_path, truth, recovery)["net_force_cosine"] == pytest.approx(0.5)
+
+
+def test_force_on_held_vertices_does_not_count(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth)
+    recovery["force"][:, truth["clamped"]] = 1e6
+    assert scored(tmp_path, truth, recovery)["false_force_ratio"] == pytest.approx(0, abs=1e-12)
+
+
+def test_false_force_is_relative_to_the_true_peak(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth)
+    recovery["force"][10:, :, 0] = 50.0
+    quiet = FRAMES - 7
+    assert scored(tmp_path, truth, recovery)["false_force_ratio"] == pytest.approx(0.1 * np.sqrt((FRAMES - 10) / quiet))
+
+
+def test_predicting_no_motion_scores_one(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth) | {"trajectory": np.repeat(truth["positions"][:1], FRAMES, 0)}
+    assert scored(tmp_path, truth, recovery)["trajectory_rmse_over_rms_motion"] == pytest.approx(1)
+
+
+def test_a_truth_that_misses_arrays_is_refused(tmp_path: Path, truth: Arrays) -> None:
+    del truth["part_E"]
+    with pytest.raises(InputError, match="misses part_E"):
+        scored(tmp_path, truth, exact(truth))
+
+
+@pytest.mark.parametrize("scene", ["beam_gust", "beam_two_part", "plant_poke"])
+def test_figures_equal_the_scenes_own_scorer(tmp_path: Path, scenes: Path, scene: str) -> None:
+    other = _scorer(scenes)
+    truth = other.load_truth(scenes / scene / "truth.npz")
+    rng = np.random.default_rng(0)
+    some = rng.permutation(truth["N"])[:300]
+    recovery = {
+        "points": truth["rest_vertices"][some] + rng.normal(0, 2e-3, (300, 3)),
+        "young": np.where(np.arange(300) < 20, np.nan, truth["vertex_E"][some] * 10 ** rng.normal(0.05, 0.1, 300)),
+        "force": truth["force_density"][:, some] + rng.normal(0, 30, (truth["T"], 300, 3)),
+        "trajectory": truth["positions"][:, some] + rng.normal(0, 3e-3, (truth["T"], 300, 3)),
+    }
+    np.savez(tmp_path / "recovery.npz", **recovery)
+    ours, theirs = score(tmp_path / "recovery.npz", scenes / scene / "truth.npz"), other.score(truth, recovery)
+    raw, force = theirs["E"]["raw"], theirs["force"]["raw"]
+    assert np.abs(ours["young_log10_error"]) == pytest.approx(
+        [abs(np.log10(part["E_median"] / part["E_true"])) for part in raw["per_part"].values()], rel=1e-9
+    )
+    assert ours["young_ratio_error"] == (
+        pytest.approx(max(r["abs_log10_error"] for r in raw["part_ratios"].values()), rel=1e-9) if raw["part_ratios"] else None
+    )
+    assert ours["net_force_cosine"] == pytest.approx(force["net_cosine_active_mean"], rel=1e-9)
+    assert ours["false_force_ratio"] == pytest.approx(force["false_force"]["net_rms_ratio_vs_true_peak"], rel=1e-9)
+    assert ours["trajectory_rmse_over_rms_motion"] == pytest.approx(theirs["trajectory"]["rmse_over_rms_motion"], rel=1e-9)
+
+
+def _scorer(scenes: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("scene_scorer", scenes / "score.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
