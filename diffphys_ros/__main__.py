@@ -79,14 +79,16 @@ def _flags(words: list[str]) -> dict[str, Any]:
 
 
 def _recover(options: argparse.Namespace) -> int:
-    settings = config.layered(options.config, options.flags)
     from . import result
     from .recover import Checkpoint, run, solve_prepared
 
+    is_prepared = str(options.clip).endswith(".npz")
+    base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
+    settings = config.layered(options.config, options.flags, base=base)
     result.check_writable(options.out)
     checkpoint = Checkpoint(options.out / "checkpoint.npz", every_s=settings.fit.checkpoint_every_s, resume=options.resume)
-    if str(options.clip).endswith(".npz"):
-        prepared = result.load_prepared(_existing(options.clip))
+    if is_prepared:
+        prepared = result.load_prepared(options.clip)
         steps = solve_prepared(prepared, settings, checkpoint=checkpoint)
     else:
         steps = run(_existing(options.clip), settings, checkpoint=checkpoint)
@@ -109,7 +111,7 @@ def _ingest(options: argparse.Namespace) -> int:
 
     result.check_writable(options.out.parent)
     prepared = show(prepare(read_clip(_existing(options.clip), settings), settings))
-    result.save_prepared(options.out, prepared)
+    result.save_prepared(options.out, prepared, settings)
     print(f"prepared clip in {options.out}")
     return 0
 

@@ -251,9 +251,11 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     return values
 
 
-def layered(configs: Iterable[str | Path] = (), flags: Mapping[str, Any] | None = None) -> Settings:
-    """Settings from YAML files, later ones winning, then flags, which win over files."""
-    values: dict[str, Any] = {}
+def layered(
+    configs: Iterable[str | Path] = (), flags: Mapping[str, Any] | None = None, *, base: Mapping[str, Any] | None = None
+) -> Settings:
+    """Settings from `base` (dotted names), then YAML files, later ones winning, then flags, which win over files."""
+    values: dict[str, Any] = dict(base or {})
     for path in configs:
         values |= read_yaml(path)
     return build(values | dict(flags or {}), "command line" if flags else "settings")

@@ -108,15 +108,24 @@ def save_prepared(path: str | Path, prepared: Prepared, settings: config.Setting
     return store.save(path, {"prepared": prepared, "settings": _portable(settings)})
 
 
-def load_prepared(path: str | Path) -> tuple[Prepared, dict[str, Any]]:
-    """What `save_prepared` wrote: the prepared clip and its settings by dotted name. Raises InputError."""
+def load_prepared(path: str | Path) -> Prepared:
+    """The prepared clip that `save_prepared` wrote. Raises InputError for a file of another kind."""
+    return _stored(path)["prepared"]
+
+
+def stored_settings(path: str | Path) -> dict[str, Any]:
+    """Settings by dotted name under which `save_prepared` wrote the file. Raises InputError for a file of another kind."""
+    return _stored(path)["settings"]
+
+
+def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.model import ModalModel
     from .recover.prepare import Prepared
 
     found = store.load(path, (Prepared, ModalModel, Camera, Clip, Tracks, Body, StartValues))
     if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
-    return found["prepared"], found["settings"]
+    return found
 
 
 def write_metrics(folder: str | Path, metrics: dict[str, object]) -> Path:

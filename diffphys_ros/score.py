@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from . import store
+from . import result, store
 from .errors import InputError
 
 ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
@@ -45,6 +45,13 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
         **_score_force(truth, _spread(recovery["points"], vertices, recovery["force"][: len(truth["positions"])].astype(float))),
         "trajectory_rmse_over_rms_motion": _score_motion(truth, vertices, recovery),
     }
+
+
+def score_folder(folder: str | Path, truth_npz: str | Path) -> dict[str, object]:
+    """Scores the recovery.npz of a result folder and adds the figures to its metrics.json. Raises InputError."""
+    figures = score(Path(folder) / result.RECOVERY, truth_npz)
+    result.write_metrics(folder, result.read_metrics(folder) | figures)
+    return figures
 
 
 def net_force(truth: Arrays) -> np.ndarray:

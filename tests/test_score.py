@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
 from types import ModuleType
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.score import score
+from diffphys_ros.score import score, score_folder
 
 FRAMES = 20
 Arrays = dict[str, np.ndarray]
@@ -109,6 +110,15 @@ def test_a_truth_that_misses_arrays_is_refused(tmp_path: Path, truth: Arrays) ->
     del truth["part_E"]
     with pytest.raises(InputError, match="misses part_E"):
         scored(tmp_path, truth, exact(truth))
+
+
+def test_scoring_a_folder_adds_to_its_metrics(tmp_path: Path, truth: Arrays) -> None:
+    scored(tmp_path, truth, exact(truth))
+    (tmp_path / "metrics.json").write_text('{"psnr_masked": 30.5}')
+    score_folder(tmp_path, tmp_path / "truth.npz")
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["psnr_masked"] == 30.5
+    assert metrics["net_force_cosine"] == pytest.approx(1)
 
 
 @pytest.mark.parametrize("scene", ["beam_gust", "beam_two_part", "plant_poke"])
