@@ -1,0 +1,101 @@
+"""Frames with stamps to a Clip on a uniform clock; used for recordings and for live topics, so that both give the same clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Camera, Clip
+
+MIN_FRAMES = 2
+MAX_LOST_SHARE = 0.5  # of the slots of the clock that may lack a frame
+Stamped = Sequence[tuple[int, np.ndarray]]  # stamp [ns], image
+
+
+def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, notes: Sequence[str] = ()) -> Clip:
+    """A Clip from stamped images.
+
+    The clock is the straight line through the stamps: jitter is ignored, a slot without a frame repeats the frame before it with
+    `observed` false. Each frame takes the depth image nearest in time, if that is at most half a period away. What was done to the
+    data is said in `Clip.notes`.
+
+    Args:
+        images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
+        source: where the clip comes from; error messages name it. notes: put before the notes found here.
+
+    Raises InputError for fewer than two frames, sizes that differ, stamps that are no clock, depth that holds nothing.
+    """
+    images = sorted(_checked_sizes(images, camera, source, "colour"), key=lambda item: item[0])
+    stamps = np.array([stamp for stamp, _ in images], np.int64)
+    slots, period, found = uniform_clock(stamps, source)
+    notes = [*notes, *found]
+    last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
+    frames = np.stack([images[i][1] for i in last_of_slot])
+    observed = np.isin(np.arange(len(frames)), slots)
+    depth = None
+    if len(depths):
+        depth, found = _paired(depths, stamps, slots, period, camera, source)
+        notes += found
+    return Clip(frames, int(stamps[0]), period, camera, depth, observed=observed, source=source, notes=tuple(notes))
+
+
+def uniform_clock(stamps: np.ndarray, source: str) -> tuple[np.ndarray, float, list[str]]:
+    """Slot number of every frame (T,), the period [s], and notes, of ascending stamps [ns] (T,).
+
+    Raises InputError where the stamps do not grow, or leave more slots empty than MAX_LOST_SHARE.
+    """
+    if len(stamps) < MIN_FRAMES:
+        raise InputError(f"{source}: has {len(stamps)} colour frame(s), at least {MIN_FRAMES} are needed; record a longer clip")
+    seconds = (stamps - stamps[0]) * 1e-9
+    steps = np.diff(seconds)
+    guess = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if guess <= 0:
+        raise InputError(f"{source}: all frames carry the stamp {stamps[0]} ns, they must grow; have the driver stamp its images")
+    slots = np.concatenate([[0], np.cumsum(np.rint(steps / guess))]).astype(np.int64)
+    # jitter of single stamps averages out over the clip; the first pass numbers the frames, the second settles doubtful ones
+    for _ in range(2):
+        period, start = np.polyfit(slots, seconds, 1) if slots[-1] else (guess, 0.0)
+        slots = np.rint((seconds - start) / period).astype(np.int64)
+        slots -= slots[0]
+    lost = int(slots[-1]) + 1 - len(np.unique(slots))
+    doubled = len(slots) - len(np.unique(slots))
+    if lost > MAX_LOST_SHARE * (slots[-1] + 1) or doubled > MAX_LOST_SHARE * len(slots):
+        raise InputError(
+            f"{source}: the stamps of {len(stamps)} frames follow no steady clock ({lost} of {slots[-1] + 1} slots of {period:.4g} s are "
+            f"empty), at most {MAX_LOST_SHARE:.0%} may be; record one take with a fixed frame rate"
+        )
+    notes = [f"{lost} of {slots[-1] + 1} frames were lost in the recording; nothing is fitted to them"] if lost else []
+    notes += [f"{doubled} frames came twice in one period of {period:.4g} s; the later one is used"] if doubled else []
+    return slots, float(period), notes
+
+
+def _paired(
+    depths: Stamped, stamps: np.ndarray, slots: np.ndarray, period: float, camera: Camera, source: str
+) -> tuple[np.ndarray, list[str]]:
+    """Depth (T, H, W) [m] of every slot, and notes."""
+    depths = sorted(_checked_sizes(depths, camera, source, "depth"), key=lambda item: item[0])
+    if not any((image > 0).any() for _, image in depths):
+        raise InputError(f"{source}: the depth images hold no finite value above 0; set topics.depth to 'none' to go on without depth")
+    times = np.array([stamp for stamp, _ in depths], np.int64)
+    result = np.zeros((int(slots[-1]) + 1, camera.height, camera.width), np.float32)
+    missing = 0
+    for stamp, slot in zip(stamps, slots, strict=True):
+        nearest = int(np.abs(times - stamp).argmin())
+        if abs(times[nearest] - stamp) * 1e-9 <= period / 2:
+            result[slot] = depths[nearest][1]
+        else:
+            missing += 1
+    return result, [f"{missing} of {len(stamps)} frames have no depth image within half a period"] if missing else []
+
+
+def _checked_sizes(images: Stamped, camera: Camera, source: str, what: str) -> Stamped:
+    for _, image in images:
+        if image.shape[:2] != (camera.height, camera.width):
+            cure = "record depth registered to the colour camera, or set topics.depth to 'none'" if what == "depth" else "record one size"
+            raise InputError(
+                f"{source}: a {what} image has {image.shape[1]}x{image.shape[0]} px, must have the camera's {camera.width}x{camera.height} "
+                f"px; {cure}"
+            )
+    return images

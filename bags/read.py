@@ -1,0 +1,110 @@
+"""One door for everything that can be recovered from: MCAP file, rosbag2 folder, video file, folder of images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from diffphys_ros.bags.assemble import assemble
+from diffphys_ros.bags.camera import camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
+from diffphys_ros.bags.decode import decode_compressed, decode_image
+from diffphys_ros.bags.storage import Bag, open_bag
+from diffphys_ros.bags.topics import COMPRESSED, choose_topics
+from diffphys_ros.bags.video import read_images, read_video
+from diffphys_ros.config import Settings
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Camera, Clip
+
+TF_STATIC = "/tf_static"
+BAG_SUFFIXES = (".mcap", ".db3")
+
+
+def read_clip(path: str | Path, settings: Settings) -> Clip:
+    """The clip in an .mcap or .db3 file, a rosbag2 folder, a video file or a folder of images.
+
+    Settings used: topics.*, camera.fov_deg (where there is no camera_info), camera.fps (image folders; overrides a video's own).
+    Raises InputError with one sentence for everything that cannot be read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder; give the path of a bag, a video or a folder of images")
+    if path.suffix == ".bag":
+        raise InputError(f"{path}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
+    if path.suffix in BAG_SUFFIXES or (path / "metadata.yaml").exists():
+        with open_bag(path) as bag:
+            return _read_bag(bag, settings, str(path))
+    return read_images(path, settings) if path.is_dir() else read_video(path, settings)
+
+
+def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
+    image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
+    stamped: dict[str, list[tuple[int, np.ndarray]]] = {image_topic: [], depth_topic or "": []}
+    frame_id, unstamped = "", []
+    for topic, log_ns, message in bag.messages([t for t in (image_topic, depth_topic) if t]):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        if topic == image_topic:
+            frame_id = frame_id or message.header.frame_id
+        if not stamp:
+            unstamped.append(topic)
+        stamped[topic].append((stamp or log_ns, _decoded(message, bag.types[topic], source, topic)))
+    for topic, wanted in ((image_topic, 3), (depth_topic, 2)):
+        if topic and stamped[topic][0][1].ndim != wanted:
+            setting, what = ("image", "colour") if wanted == 3 else ("depth", "depth (16UC1 in mm or 32FC1 in m)")
+            raise InputError(f"{source}: topic {topic} holds no {what} images; name another with topics.{setting}")
+    notes = [f"images of {', '.join(sorted(set(unstamped)))} carry no stamp; the times of recording are used"] if unstamped else []
+    height, width = stamped[image_topic][0][1].shape[:2]
+    camera, undistort, found = _read_camera(bag, info_topic, settings, (width, height, frame_id), image_topic, source)
+    if undistort:
+        stamped = {topic: [(stamp, undistort(image)) for stamp, image in images] for topic, images in stamped.items()}
+    return assemble(stamped[image_topic], stamped[depth_topic or ""], camera, source, notes=notes + found)
+
+
+def _decoded(message: Any, kind: str, source: str, topic: str) -> np.ndarray:
+    try:
+        if kind == COMPRESSED:
+            return decode_compressed(message.format, message.data)
+        return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
+    except InputError as error:
+        raise InputError(f"{source}: topic {topic}: {error}") from error
+
+
+def _read_camera(
+    bag: Bag, info_topic: str | None, settings: Settings, view: tuple[int, int, str], image_topic: str, source: str
+) -> tuple[Camera, Callable[[np.ndarray], np.ndarray] | None, list[str]]:
+    """The camera, what removes its distortion (or None), and notes."""
+    width, height, frame_id = view
+    info = bag.first(info_topic) if info_topic else None
+    frame_id = frame_id or (info.header.frame_id if info else "") or "camera_optical_frame"
+    pose, root = pose_in_root(_static_transforms(bag), frame_id)
+    fov = settings.camera.fov_deg
+    if info is None or (info.k[0] == 0 and fov):
+        if fov is None:
+            raise InputError(f"{source}: has no camera_info; record the camera_info topic or set camera.fov_deg")
+        note = f"no usable camera_info: camera.fov_deg {fov:g} and no lens distortion are taken"
+        return camera_from_fov(fov, width, height, frame_id, pose, root), None, [note]
+    if info.width and (info.width, info.height) != (width, height):
+        raise InputError(
+            f"{source}: {info_topic} is for {info.width}x{info.height} px, the images of {image_topic} have {width}x{height} px; "
+            "name the right topic with topics.camera_info"
+        )
+    # rectified images share their camera_info with the raw ones; p is theirs
+    rectified = "rect" in image_topic.removesuffix("/compressed").rsplit("/", 1)[-1]
+    k, d = (np.reshape(info.p, (3, 4))[:, :3], np.zeros(0)) if rectified and np.any(info.p) else (info.k, info.d)
+    try:
+        camera = camera_from_info(k, d, width, height, frame_id, pose, root)
+        undistort = undistorter(k, d, info.distortion_model, width, height)
+    except InputError as error:
+        raise InputError(f"{source}: topic {info_topic}: {error}") from error
+    return camera, undistort, ["lens distortion was removed from the images"] if undistort else []
+
+
+def _static_transforms(bag: Bag) -> dict[str, tuple[str, np.ndarray]]:
+    edges = {}
+    for _, _, message in bag.messages([TF_STATIC]):
+        for link in message.transforms:
+            t, r = link.transform.translation, link.transform.rotation
+            edges[link.child_frame_id] = (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
+    return edges
