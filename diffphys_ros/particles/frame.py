@@ -1,0 +1,109 @@
+"""The body's own frame: x out of the clamp, z along the thickness axis towards the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import Scene
+from ..errors import InputError
+from ..types import Camera
+
+INSET_M = 0.005  # the clamped plane lies this far inside the box face through which the body leaves
+LARGEST_GAP = 0.15  # between the clamped plane and the nearest visible point, as a share of the object's extent
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Where the body is held."""
+
+    centre: np.ndarray  # of the clamped face, world [m], shape (3,)
+    normal: np.ndarray  # world axis along which the body leaves, shape (3,)
+    half_size: np.ndarray  # of the box [m], shape (3,)
+
+
+def find_clamp(scene: Scene, surface: np.ndarray, towards_camera: np.ndarray) -> Clamp | None:
+    """The clamped plane of `scene.clamp_box_m`, or None without a box.
+
+    The body leaves through the face with the most of the visible surface (world points (P, 3) [m]) straight in front of it; faces
+    across the line of sight (`towards_camera`, unit vector) are left out. The plane lies 5 mm inside that face, at most at the
+    middle of the box. Raises InputError for a box that is no box, or with nothing of the object near it.
+    """
+    if scene.clamp_box_m is None:
+        return None
+    low, high = np.reshape(np.array(scene.clamp_box_m, float), (2, 3))
+    if not (low < high).all():
+        raise InputError(f"scene.clamp_box_m {scene.clamp_box_m}: each maximum must exceed its minimum; give xmin ymin zmin xmax ymax zmax")
+    axis, side = max(_faces(towards_camera), key=lambda face: _leaving(surface, low, high, *face))
+    normal = np.zeros(3)
+    normal[axis] = side
+    centre = (low + high) / 2
+    centre[axis] = high[axis] - min(INSET_M, (high - low)[axis] / 2) if side > 0 else low[axis] + min(INSET_M, (high - low)[axis] / 2)
+    clamp = Clamp(centre, normal, (high - low) / 2)
+    _require_object(scene, clamp, surface)
+    return clamp
+
+
+def body_pose(clamp: Clamp | None, surface: np.ndarray, towards_camera: np.ndarray, upwards: np.ndarray) -> np.ndarray:
+    """world_from_body (4, 4) with the origin still on the front: only the axes and the origin's x and y are final."""
+    x = clamp.normal if clamp else upwards
+    x = _unit(x - (x @ towards_camera) * towards_camera)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, np.cross(towards_camera, x), towards_camera], -1)
+    pose[:3, 3] = clamp.centre if clamp else np.median(surface, 0)
+    if clamp is None:
+        pose[:3, 3] += x * ((surface - pose[:3, 3]) @ x).min()
+    return pose
+
+
+def thickness_direction(scene: Scene, camera: Camera, surface: np.ndarray) -> np.ndarray:
+    """Unit vector (3,) along which the thickness is measured, pointing towards the camera; the optical axis where none is given."""
+    axis = -camera.world_from_camera[:3, 2]
+    if scene.thickness_axis is not None and camera.pose_known:
+        axis = np.array(scene.thickness_axis, float)
+    if np.linalg.norm(axis) < 1e-9:
+        raise InputError(f"scene.thickness_axis {scene.thickness_axis}: its length is 0, must be positive; give a world axis such as [0, 1, 0]")
+    axis = _unit(axis)
+    towards = (camera.position - surface.mean(0)) @ axis
+    if abs(towards) < 0.3 * np.linalg.norm(camera.position - surface.mean(0)):
+        raise InputError(
+            f"scene.thickness_axis {scene.thickness_axis}: more than 72 degrees off the line of sight, so the camera does not see the face across it; "
+            "give the axis that the camera looks along"
+        )
+    return axis * np.sign(towards)
+
+
+def up_direction(scene: Scene, camera: Camera) -> np.ndarray:
+    """World direction against gravity; against the image's downward axis where gravity is unknown or zero."""
+    if scene.gravity_m_s2 is not None and np.linalg.norm(scene.gravity_m_s2) > 0:
+        return -_unit(np.array(scene.gravity_m_s2, float))
+    return -camera.world_from_camera[:3, 1]
+
+
+def _faces(towards_camera: np.ndarray) -> list[tuple[int, int]]:
+    return [(axis, side) for axis in range(3) if abs(towards_camera[axis]) < 0.7 for side in (1, -1)]
+
+
+def _leaving(surface: np.ndarray, low: np.ndarray, high: np.ndarray, axis: int, side: int) -> float:
+    """How many surface points lie in front of a face of the box, within the other two ranges."""
+    lateral = [i for i in range(3) if i != axis]
+    margin = 0.25 * (high - low).max()
+    beside = ((surface[:, lateral] > low[lateral] - margin) & (surface[:, lateral] < high[lateral] + margin)).all(1)
+    beyond = surface[:, axis] > high[axis] if side > 0 else surface[:, axis] < low[axis]
+    return float((beside & beyond).sum())
+
+
+def _require_object(scene: Scene, clamp: Clamp, surface: np.ndarray) -> None:
+    extent = float(np.ptp(surface, axis=0).max())
+    offset = np.abs(surface - clamp.centre) - clamp.half_size
+    gap = float(np.linalg.norm(np.maximum(offset, 0), axis=1).min())
+    if gap > LARGEST_GAP * extent:
+        raise InputError(
+            f"scene.clamp_box_m {scene.clamp_box_m}: the nearest point of the object is {gap:.3f} m away, must be within {LARGEST_GAP * extent:.3f} m; "
+            "move the box onto the held face (world frame, metres) or leave it out"
+        )
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)

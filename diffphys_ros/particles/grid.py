@@ -1,0 +1,30 @@
+"""A grid fitted to the particles: as small as their motion allows, aligned with the clamp and the mid-plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Grid, Particles
+
+MARGIN_CELLS = 2  # beyond the last particle's cell: the reach of a quadratic B-spline and one to spare
+
+
+def fit_grid(particles: Particles, *, dx: float, reach_m: float, clamped: bool) -> Grid:
+    """The grid in which particles that move by at most `reach_m` [m] stay clear of the border.
+
+    Along x a node plane lies on x = 0; held nodes are those up to `clamp_index`, the plane x = 0 itself. Across, nodes lie
+    symmetrically about the body, on its surface where the extent is a whole number of cells. Behind a clamp nothing moves, so no room
+    is left there.
+    """
+    x = particles.x_rest
+    spacing = float(np.median(particles.volume)) ** (1 / 3)
+    reach = int(np.ceil(reach_m / dx)) + MARGIN_CELLS
+    first = np.floor(x[:, 0].min() / dx).astype(int) - (MARGIN_CELLS if clamped else reach)
+    last = np.ceil(x[:, 0].max() / dx).astype(int) + reach
+    origins, sizes = [first * dx], [int(last - first + 1)]
+    for axis in (1, 2):
+        low, high = x[:, axis].min(), x[:, axis].max()
+        cells = max(round((high - low + spacing) / dx), 1) + 2 * reach
+        origins.append((low + high) / 2 - cells * dx / 2)
+        sizes.append(cells + 1)
+    return Grid(np.array(origins, float), dx, tuple(sizes), int(-first) if clamped else -1)

@@ -1,0 +1,135 @@
+"""The outline of the body seen along its thickness, to a fraction of a pixel, and the height of its front."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import binary_fill_holes, distance_transform_edt, label, median_filter
+
+from ..types import Camera
+
+CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
+FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
+OFF_SURFACE = 0.6  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Square cells in the body's x-y plane. Cell (i, j) has its centre at origin + pitch * (i, j); edges lie on x = 0."""
+
+    origin: np.ndarray  # [m], shape (2,)
+    pitch_m: float
+    shape: tuple[int, int]
+
+    @property
+    def centres(self) -> np.ndarray:
+        """Body x and y of the cell centres [m], shape (nx, ny, 2)."""
+        index = np.stack(np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij"), -1)
+        return self.origin + self.pitch_m * index
+
+
+def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool) -> Raster:
+    """The raster that covers body points (P, 2 or 3) with a margin, starting at x = 0 where the body is clamped there."""
+    margin = 6 * pitch_m
+    low = np.floor((points[:, :2].min(0) - margin) / pitch_m)
+    high = np.ceil((points[:, :2].max(0) + margin) / pitch_m)
+    if from_zero:
+        low[0] = 0
+    return Raster((low + 0.5) * pitch_m, pitch_m, tuple((high - low).astype(int)))
+
+
+def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Bilinear values of an image (H, W) at pixel positions (..., 2); 0 outside."""
+    flat = pixels.astype(np.float32)
+    return cv2.remap(image.astype(np.float32), flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+
+
+def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Height of the visible surface above every raster cell, and which cells lie under it.
+
+    Fixed point: a cell's point at the present height is projected into the image, the depth there puts a hit on that ray, and the
+    hit's height is the next guess. A cell beyond an edge of the front sees the side face behind it, so its guess sinks step by
+    step until the ray misses the object: the outline of the front comes out without being drawn.
+
+    Args:
+        raster: cells in the body's x-y plane.
+        pose: world_from_body (4, 4); z = 0 may lie anywhere.
+        camera: of the image.
+        mask: the object's pixels, bool (H, W). Edges of a binary mask lie halfway between pixel centres.
+        depth: of the object's surface [m], 0 off the object (H, W).
+        start: first guess of the height, that of the front [m].
+        footprint_m: side of a pixel on the object [m].
+
+    Returns:
+        height [m] (nx, ny), inside bool (nx, ny).
+    """
+    inverse = _extended_inverse(mask, depth)
+    soft = mask.astype(np.float32)
+    cells = raster.centres
+    height = np.full(raster.shape, start)
+    alive = np.ones(raster.shape, bool)
+    miss = np.zeros(raster.shape)
+    for _ in range(FIXED_POINT_STEPS):
+        points = np.concatenate([cells, height[..., None]], -1) @ pose[:3, :3].T + pose[:3, 3]
+        pixels, _ = camera.project(points)
+        alive &= sample(soft, pixels) >= 0.5
+        hits = (camera.backproject(pixels, 1 / np.maximum(sample(inverse, pixels), 1e-6)) - pose[:3, 3]) @ pose[:3, :3]
+        miss = np.linalg.norm(hits[..., :2] - cells, axis=-1)
+        height = np.where(alive, hits[..., 2], height)
+    return height, alive & (miss < OFF_SURFACE * footprint_m)
+
+
+def carved(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
+    """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall into the mask: the silhouette without depth."""
+    soft = mask.astype(np.float32)
+    inside = np.ones(raster.shape, bool)
+    for height in heights:
+        cells = np.concatenate([raster.centres, np.full((*raster.shape, 1), height)], -1)
+        inside &= sample(soft, camera.project(cells @ pose[:3, :3].T + pose[:3, 3])[0]) >= 0.5
+    return inside
+
+
+def tidy(inside: np.ndarray) -> np.ndarray:
+    """One region without holes, slits and hairs of a cell's width."""
+    kernel = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(np.pad(inside, 3).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)[3:-3, 3:-3] > 0
+    regions, count = label(binary_fill_holes(opened))
+    return regions == 1 + np.argmax(np.bincount(regions.ravel())[1:]) if count else opened
+
+
+def reaching_clamp(inside: np.ndarray, pitch_m: float, *, reach_m: float) -> np.ndarray:
+    """The silhouette continued to x = 0 where a mount hides its root.
+
+    The width at the root is read where the body is seen whole: rows that end within `reach_m` of the plane are continued to it.
+    """
+    steps = max(1, round(reach_m / pitch_m))
+    first = np.where(inside.any(1))[0]
+    if not len(first) or first[0] > steps:
+        return inside
+    near = inside[: first[0] + steps]
+    seen = near.any(0)
+    start = np.argmax(near, axis=0)
+    filled = inside.copy()
+    for j in np.flatnonzero(seen):
+        filled[: start[j], j] = True
+    return filled
+
+
+def nearest_filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values (nx, ny) with unknown cells taken from the nearest known one."""
+    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return values[tuple(index)]
+
+
+def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarray:
+    """Height without specks (median over size x size cells)."""
+    return median_filter(nearest_filled(height, inside), size, mode="nearest")
+
+
+def _extended_inverse(mask: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Inverse depth continued a few pixels beyond the mask, so that bilinear reading at its edge does not mix in background."""
+    known = mask & (depth > 0)
+    return nearest_filled(np.where(known, 1 / np.maximum(depth, 1e-6), 0.0), known)

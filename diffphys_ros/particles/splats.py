@@ -1,0 +1,79 @@
+"""Gaussians carried by the particles that they are bound to."""
+
+from __future__ import annotations
+
+import torch
+
+from .skinning import Binding
+
+POLAR_STEPS = 8  # of Newton's iteration, quadratic from any stretch below about 3
+
+
+def deform_splats(
+    binding: Binding, mean0: torch.Tensor, rotation0: torch.Tensor, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor | None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Means and rotations of Gaussians in every frame (paper A.11), differentiable.
+
+    Means move by the weighted displacement of their particles; covariances turn by the rotation of the local deformation gradient.
+
+    Args:
+        binding: of the Gaussians' means to the particles at x0.
+        mean0: frame 0 [m], shape (G, 3).
+        rotation0: unit quaternions wxyz, shape (G, 4).
+        x: particles in every frame [m], shape (T, P, 3).
+        x0: particles in frame 0 [m], shape (P, 3).
+        F: deformation gradients since frame 0, shape (T, P, 3, 3); None: from the particles' positions.
+
+    Returns:
+        mean (T, G, 3) [m], rotation (T, G, 4) wxyz.
+    """
+    mean = mean0 + binding.apply(x - x0)
+    if F is None:
+        local = _position_gradient(binding, x)
+    else:
+        local = binding.apply(F.reshape(*F.shape[:-2], 9)).reshape(*x.shape[:-2], len(mean0), 3, 3)
+    return mean, _product(_quaternion(polar_rotation(local)), rotation0.expand(*mean.shape[:-1], 4))
+
+
+def polar_rotation(matrix: torch.Tensor) -> torch.Tensor:
+    """The rotation of the polar decomposition of matrices (..., 3, 3), by Newton's iteration (Higham 1986): smooth where an SVD's
+    gradient is not."""
+    rotation = matrix
+    for _ in range(POLAR_STEPS):
+        rotation = 0.5 * (rotation + torch.linalg.inv(rotation).transpose(-1, -2))
+    return rotation
+
+
+def _position_gradient(binding: Binding, x: torch.Tensor) -> torch.Tensor:
+    index = torch.as_tensor(binding.index, device=x.device)
+    gradient = torch.as_tensor(binding.gradient, dtype=x.dtype, device=x.device)
+    return torch.einsum("...mki,mkj->...mij", x[..., index, :], gradient)
+
+
+def _quaternion(rotation: torch.Tensor) -> torch.Tensor:
+    """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3): the best conditioned of the four forms, per element."""
+    r = rotation
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
+    square = torch.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], -1)  # 4 q_i^2
+    rows = torch.stack(
+        [
+            torch.stack([square[..., 0], wx, wy, wz], -1),
+            torch.stack([wx, square[..., 1], xy, xz], -1),
+            torch.stack([wy, xy, square[..., 2], yz], -1),
+            torch.stack([wz, xz, yz, square[..., 3]], -1),
+        ],
+        -2,
+    )
+    best = square.argmax(-1)[..., None, None].expand(*square.shape[:-1], 1, 4)
+    return torch.nn.functional.normalize(rows.gather(-2, best)[..., 0, :], dim=-1)
+
+
+def _product(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    aw, ax, ay, az = a.unbind(-1)
+    bw, bx, by, bz = b.unbind(-1)
+    return torch.stack(
+        [aw * bw - ax * bx - ay * by - az * bz, aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw],
+        -1,
+    )

@@ -1,0 +1,49 @@
+"""The object mask that a person or another segmenter gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..types import IGNORE, Clip
+
+
+def given_mask(clip: Clip, settings: Settings) -> np.ndarray:
+    """Label image of frame 0, uint8 (H, W), from the PNG `scene.first_mask`.
+
+    Values 1..n are parts and 255 means ignore; an image with no other values than 0 and 255 is background and object, which is
+    returned as 0 and 1. Raises InputError where the file cannot be read, has another size than the frames, is empty, or skips
+    a part number.
+    """
+    name = settings.scene.first_mask
+    if not name:
+        raise InputError("segment.method is 'given' but scene.first_mask is not set; give the path of a PNG or choose 'motion'")
+    image = cv2.imread(name, cv2.IMREAD_UNCHANGED) if Path(name).is_file() else None
+    if image is None:
+        raise InputError(f"scene.first_mask {name}: not a readable image; give the path of a PNG of the object in frame 0")
+    if image.ndim == 3:
+        image = image[..., :3].max(-1)
+    if image.shape != clip.frames.shape[1:3]:
+        height, width = clip.frames.shape[1:3]
+        raise InputError(f"scene.first_mask {name}: {image.shape[1]} x {image.shape[0]} pixels, must be {width} x {height} as the frames; give a mask of that size")
+    return _checked(image, name)
+
+
+def is_object_mask(labels: np.ndarray) -> bool:
+    """Whether an image holds only 0 and 255, which stand for background and object."""
+    return bool(np.isin(labels, (0, IGNORE)).all())
+
+
+def _checked(image: np.ndarray, name: str) -> np.ndarray:
+    if not image.any():
+        raise InputError(f"scene.first_mask {name}: empty, needs at least one pixel that is not 0; mark the object in frame 0")
+    if is_object_mask(image):
+        return (image > 0).astype(np.uint8)
+    parts = np.setdiff1d(np.unique(image), (0, IGNORE))
+    if not np.array_equal(parts, np.arange(1, len(parts) + 1)):
+        raise InputError(f"scene.first_mask {name}: part numbers {parts[:10].tolist()} must be 1..n without gaps (255: ignore); renumber the parts")
+    return image.astype(np.uint8)

@@ -1,0 +1,50 @@
+"""From frames to label images: object mask of frame 0, its parts, both carried through the clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..types import IGNORE, Clip
+from .given import given_mask
+from .motion import motion_mask
+from .otsu import otsu_mask
+from .parts import numbered, split_parts
+from .propagate import propagate
+
+METHODS: dict[str, Callable[[Clip, Settings], np.ndarray]] = {"given": given_mask, "motion": motion_mask, "otsu": otsu_mask}
+
+
+def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
+    """Label images of the whole clip, uint8 (T, H, W): 0 background, 1..n parts with 1 at the clamp, 255 ignore.
+
+    The object mask of frame 0 comes from `segment.method`; a mask without parts is split by colour into at most
+    `segment.max_parts` connected parts; optical flow carries both through the clip. Raises InputError where no object is found.
+    """
+    method = settings.segment.method
+    if method == "auto":
+        method = "given" if settings.scene.first_mask else "motion"
+    if method not in METHODS:
+        raise InputError(f"segment.method is {method!r}, must be one of {', '.join(METHODS)}")
+    return propagate(clip.frames, clip.seen, first_labels(METHODS[method](clip, settings), clip, settings))
+
+
+def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray:
+    """Label image of frame 0, uint8 (H, W), from a mask that has parts already or is to be split by colour."""
+    if np.setdiff1d(np.unique(mask), (0, 1, IGNORE)).size:
+        return mask
+    parts = split_parts(clip.frames[0], mask == 1, max_parts=settings.segment.max_parts)
+    parts = numbered(parts, _clamp_pixel(clip, settings))
+    return np.where(mask == IGNORE, IGNORE, parts).astype(np.uint8)
+
+
+def _clamp_pixel(clip: Clip, settings: Settings) -> np.ndarray | None:
+    """Where the centre of the clamp box lies in the image [px], shape (2,); None without a clamp."""
+    box = settings.scene.clamp_box_m
+    if box is None:
+        return None
+    pixel, depth = clip.camera.project(np.reshape(box, (2, 3)).mean(0))
+    return pixel if depth > 0 else None

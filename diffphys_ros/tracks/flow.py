@@ -1,0 +1,110 @@
+"""Sub-pixel correspondences from frame 0 straight to every other frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+NEIGHBOURS = 9  # points whose median motion a point is compared with
+LARGEST_JUMP_PX = 3.0  # from the prediction of the frame before
+LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
+DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
+
+
+@dataclass(frozen=True)
+class Matching:
+    """How a point is matched."""
+
+    window_px: int
+    round_trip_px: float
+
+
+def normalised(frame: np.ndarray) -> np.ndarray:
+    """Grey image divided by its local mean and deviation, uint8 (H, W): shading changes when a face turns, texture does not."""
+    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    mean = cv2.GaussianBlur(grey, (0, 0), 8)
+    deviation = np.sqrt(cv2.GaussianBlur((grey - mean) ** 2, (0, 0), 12) + 9)
+    return np.clip(128 + 45 * (grey - mean) / deviation, 0, 255).astype(np.uint8)
+
+
+def seed_points(image: np.ndarray, mask: np.ndarray, *, spacing_px: int, most: int) -> np.ndarray:
+    """Evenly spread, textured points on the object [px], float32, shape (M, 2), M <= most.
+
+    One point per square cell: the pixel with the largest smaller eigenvalue of the structure tensor.
+    """
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    strength = np.where(inner, cv2.cornerMinEigenVal(image, 9, 3), -1.0)
+    v, u = np.nonzero(inner)
+    if not len(v):
+        return np.zeros((0, 2), np.float32)
+    cell = max(spacing_px, int(np.ceil(np.sqrt(len(v) / most))))
+    order = np.lexsort((-strength[v, u], u // cell, v // cell))
+    v, u = v[order], u[order]
+    first = np.r_[True, (np.diff(v // cell) != 0) | (np.diff(u // cell) != 0)]
+    points = np.stack([u[first], v[first]], -1)
+    value = strength[points[:, 1], points[:, 0]]
+    points = points[value >= np.quantile(value, 0.15)]
+    return points[np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)].astype(np.float32)
+
+
+def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [px] (T, M, 2) and validity (T, M) of points `start` (M, 2) of frame 0 in every frame.
+
+    Every frame is matched against frame 0 (no drift), starting from where the frame before predicts the point.
+    """
+    pixels = np.repeat(start[None], len(images), 0)
+    valid = np.zeros((len(images), len(start)), bool)
+    valid[0] = True
+    last = 0
+    for k in range(1, len(images)):
+        pixels[k] = pixels[last]
+        if not seen[k]:
+            continue
+        predicted = _predict(images[last], images[k], pixels[last], start, matching)
+        matched, good = _match(images[0], images[k], start, predicted, matching)
+        good &= np.linalg.norm(matched - predicted, axis=1) < LARGEST_JUMP_PX
+        good = _agreeing(start, matched - start, good)
+        pixels[k] = np.where(good[:, None], matched, predicted)
+        valid[k], last = good, k
+    return pixels, valid
+
+
+def _lucas_kanade(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray, matching: Matching, levels: int) -> tuple[np.ndarray, np.ndarray]:
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003)
+    size = (matching.window_px, matching.window_px)
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        a, b, at[:, None], guess[:, None].copy(), winSize=size, maxLevel=levels, criteria=criteria, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    return found[:, 0], status[:, 0] > 0
+
+
+def _round_trip(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray, matching: Matching, levels: int) -> tuple[np.ndarray, np.ndarray]:
+    there, found = _lucas_kanade(a, b, at, guess, matching, levels)
+    back, returned = _lucas_kanade(b, a, there, at, matching, levels)
+    return there, np.where(found & returned, np.linalg.norm(back - at, axis=1), np.inf)
+
+
+def _match(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
+    there, error = _round_trip(first, image, start, predicted, matching, 1)
+    return there, error < matching.round_trip_px
+
+
+def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.ndarray, matching: Matching) -> np.ndarray:
+    """Where the motion of the neighbours since the frame before takes each point, float32 (M, 2)."""
+    there, error = _round_trip(before, image, at, at, matching, 2)
+    motion = _neighbour_median(start, there - at, error < DRIFT_ROUND_TRIP_PX)
+    return (at + motion).astype(np.float32)
+
+
+def _agreeing(start: np.ndarray, displacement: np.ndarray, good: np.ndarray) -> np.ndarray:
+    return good & (np.linalg.norm(displacement - _neighbour_median(start, displacement, good), axis=1) < LARGEST_ODDITY_PX)
+
+
+def _neighbour_median(start: np.ndarray, values: np.ndarray, good: np.ndarray) -> np.ndarray:
+    if good.sum() < NEIGHBOURS:
+        return np.zeros_like(values)
+    _, index = cKDTree(start[good]).query(start, k=NEIGHBOURS)
+    return np.median(values[good][index], 1)

@@ -1,0 +1,56 @@
+"""Surface points followed from frame 0 through the whole clip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..types import IGNORE, Clip, Tracks
+from .flow import Matching, normalised, seed_points, track_pixels
+from .lift import points_from_depth, points_on_planes
+from .noise import displacement_noise
+
+MOST_TRACKS = 500
+LEAST_TRACKS = 8
+LEAST_SHARE = 0.5  # of the received frames in which a track must hold
+
+
+def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
+    """Tracks of visible surface points (see types.Tracks).
+
+    Lucas-Kanade from frame 0 straight to k, so that errors do not add up, seeded by the track at k - 1; checked forwards and
+    backwards and against the neighbours. Needs `clip.labels`.
+
+    Args:
+        clip: recording with label images.
+        depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
+        settings: `tracks.*`, and `scene.thickness_axis` where the clip has no depth.
+
+    Raises:
+        InputError: fewer than 8 points could be followed.
+    """
+    if clip.labels is None:
+        raise ValueError("follow needs clip.labels; run segment.label_clip first")
+    images = [normalised(frame) for frame in clip.frames]
+    mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE) & (depth0 > 0)
+    start = seed_points(images[0], mask, spacing_px=settings.tracks.spacing_px, most=MOST_TRACKS)
+    matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
+    pixels, valid = track_pixels(images, start, clip.seen, matching) if len(start) else (np.zeros((len(clip), 0, 2)), np.zeros((len(clip), 0), bool))
+    points, valid = _lifted(clip, pixels, valid, depth0, settings)
+    keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)
+    if keep.sum() < LEAST_TRACKS:
+        raise InputError(
+            f"{clip.source or 'clip'}: {int(keep.sum())} surface points could be followed, at least {LEAST_TRACKS} are needed; "
+            "film a textured object larger in the image, or raise tracks.round_trip_px"
+        )
+    points, valid = points[:, keep], valid[:, keep]
+    return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid))
+
+
+def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+    if clip.depth is not None:
+        return points_from_depth(clip, pixels, valid, depth0)
+    axis = settings.scene.thickness_axis
+    normal = np.array(axis, float) / np.linalg.norm(axis) if axis is not None and clip.camera.pose_known else clip.camera.world_from_camera[:3, 2]
+    return points_on_planes(clip.camera, pixels, valid, depth0, normal)

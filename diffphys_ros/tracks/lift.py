@@ -1,0 +1,44 @@
+"""From pixels to points in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..local_plane import plane_depth
+from ..types import Camera, Clip
+
+LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane
+LARGEST_OFFSET = 0.01  # of a frame-0 depth from the object's surface, as a share of the depth
+
+
+def points_from_depth(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World points (T, M, 3) [m] by the depth of a local plane in every frame, and what of `valid` (T, M) survives."""
+    assert clip.depth is not None
+    points = np.empty((*valid.shape, 3))
+    valid = valid.copy()
+    for k, depth in enumerate(clip.depth):
+        z, support = plane_depth(depth, pixels[k].astype(float))
+        valid[k] &= (z > 0) & (support > LEAST_SUPPORT)
+        points[k] = clip.camera.backproject(pixels[k].astype(float), np.where(valid[k], z, _at(depth0, pixels[0])))
+    surface = _at(depth0, pixels[0])
+    z0 = plane_depth(clip.depth[0], pixels[0].astype(float))[0]
+    on_surface = (surface > 0) & (np.abs(z0 - surface) < LARGEST_OFFSET * surface)
+    return points, valid & on_surface
+
+
+def points_on_planes(camera: Camera, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World points (T, M, 3) [m] where the pixel rays meet the plane across `normal` through each frame-0 point.
+
+    Used without a depth topic: motion along `normal` is not seen.
+    """
+    surface = _at(depth0, pixels[0])
+    start = camera.backproject(pixels[0].astype(float), surface)
+    rays = camera.rays(pixels.astype(float))
+    height = (start - camera.position) @ normal
+    points = camera.position + rays * (height / (rays @ normal))[..., None]
+    return points, valid & (surface > 0)
+
+
+def _at(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    index = np.rint(pixels).astype(int)
+    return image[index[:, 1], index[:, 0]].astype(float)
