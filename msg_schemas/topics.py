@@ -1,0 +1,62 @@
+"""The topic table: name, type, QoS, frame and units of everything that the nodes publish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FIT_NODE = "fit_node"
+KEEP_ALL = 0
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+COUNT = "std_msgs/msg/UInt32"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic. All are reliable; `latched` ones are transient local as well, so that late subscribers get them."""
+
+    name: str  # relative, or under ~/ (the node's own name)
+    type_name: str
+    frame: str  # "world", "camera" or "" where there is none
+    units: str
+    doc: str
+    latched: bool = True
+    depth: int = 1  # history; KEEP_ALL where every message counts
+
+    @property
+    def absolute(self) -> str:
+        """The name with the node's spelt out, as a bag holds it."""
+        return self.name.replace("~", f"/{FIT_NODE}", 1) if self.name.startswith("~") else self.name
+
+
+def _table(*topics: Topic) -> dict[str, Topic]:
+    return {topic.name: topic for topic in topics}
+
+
+TOPICS = _table(
+    Topic("clip/image", IMAGE, "camera", "rgb8", "frames that were received, on the clip's own clock", depth=KEEP_ALL),
+    Topic("clip/camera_info", CAMERA_INFO, "camera", "px", "intrinsics of the (undistorted) frames"),
+    Topic("clip/depth", IMAGE, "camera", "m (32FC1), 0 unknown", "depth along the optical axis, stamps of clip/image", depth=KEEP_ALL),
+    Topic("clip/camera_pose", TRANSFORM, "world", "m", "camera in the root of its transform tree"),
+    Topic("clip/mask", IMAGE, "camera", "mono8 labels", "0 background, 1..n parts (1 at the clamp), 255 ignore", depth=KEEP_ALL),
+    Topic("clip/end", COUNT, "", "frames", "number of clip/image messages; the clip is complete"),
+    Topic("splats", CLOUD, "world", "m, logit, log m", "static 3D Gaussians of frame 0, fields named as in a 3DGS .ply"),
+    Topic("~/material_field", CLOUD, "world", "m, Pa, kg/m^3, m^3", "stiffness on the particles at rest"),
+    Topic("~/force_field", CLOUD, "world", "m, s, N/m^3 of rest volume", "force on the particles, one row per frame"),
+    Topic("~/quality", DIAGNOSTICS, "", "", "per part: whether it is identified, why, and what fixed the scale"),
+    Topic("~/progress", DIAGNOSTICS, "", "", "stage, iteration, loss, seconds left"),
+    Topic("~/state", CLOUD, "world", "m, N/m^3", "particles in one frame, played at the recorded rate"),
+    Topic("~/force_markers", MARKERS, "world", "m", "arrows of the force, scaled to the object, played"),
+    Topic("~/net_force", WRENCH, "world", "N, N m", "resultant on the free particles about the centre of the clamp plane, else the origin; played"),
+    Topic("~/rendered", IMAGE, "camera", "rgb8", "the recovered motion through the camera, played"),
+    Topic("/diagnostics", DIAGNOSTICS, "", "", "health of the node, 1 Hz", latched=False, depth=10),
+)
+
+PLAYED = ("~/state", "~/force_markers", "~/net_force", "~/rendered")
+RESULTS = ("~/material_field", "~/force_field", "~/quality")
