@@ -1,0 +1,156 @@
+"""Finite elements of the solid by scikit-fem: quadratic tetrahedra, stiffness per part, eigenmodes with gravity's prestress.
+
+Small-strain linear elasticity about the shape in frame 0; gravity adds the geometric stiffness of its static stress
+(integral of stress_ij du_k/dx_i dv_k/dx_j), which softens an upright body and stiffens a hanging one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from skfem import Basis, BilinearForm, ElementTetP2, ElementVector, MeshTet, asm
+from skfem.helpers import ddot, sym_grad, trace
+
+from ..types import Body
+from .mesh import SolidMesh, solid_mesh
+from .model import ModalModel
+
+STIFFNESS_ORDER, MASS_ORDER = 2, 4  # polynomial degrees that the quadrature integrates exactly
+KEPT = 1e-8  # smallest squared length, after normalisation, of a basis vector that is new
+RIGID_SHIFT = -1.0  # [1/s^2]; moves the rigid motions of a free body off zero
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Assembled matrices over the free degrees of freedom (node by node: x, y, z)."""
+
+    nodes: np.ndarray  # [m], (N, 3)
+    tets: np.ndarray  # (E, 10)
+    part: np.ndarray  # 1..n, (E,)
+    poisson: np.ndarray  # (n,)
+    free: np.ndarray  # degrees of freedom that are not held, (D,)
+    stiffness: list[sp.csc_matrix]  # per part, of E = 1 Pa, (D, D)
+    mass: sp.csc_matrix  # (D, D)
+    push: np.ndarray  # consistent loads of unit force densities along x, y, z, (D, 3)
+    gravity: np.ndarray  # consistent load of the weight [N], (D,)
+    scalar: Basis = field(repr=False)
+
+    @classmethod
+    def of(cls, body: Body, mesh: SolidMesh | None = None) -> Elements:
+        """Elements of a body; of a mesh of your own where given."""
+        mesh = mesh or solid_mesh(body)
+        grid = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
+        scalar = Basis(grid, ElementTetP2(), intorder=MASS_ORDER)
+        nodes, tets = scalar.doflocs.T.copy(), scalar.element_dofs.T.copy()
+        held = np.abs(nodes[:, 0]) < 1e-9 if mesh.clamped else np.zeros(len(nodes), bool)
+        free = np.flatnonzero(np.repeat(~held, 3))
+        density = np.asarray(body.density, float)[mesh.part - 1]
+        weighted, plain = (_scalar_mass(scalar, rho) for rho in (density, np.ones(len(tets))))
+        lumped, volume = (np.asarray(m.sum(1)).ravel() for m in (weighted, plain))
+        return cls(
+            nodes,
+            tets,
+            mesh.part,
+            np.asarray(body.poisson, float),
+            free,
+            [_part_stiffness(grid, mesh.part == i + 1, nu, free) for i, nu in enumerate(body.poisson)],
+            sp.kron(weighted, sp.identity(3)).tocsr()[free][:, free].tocsc(),
+            np.kron(volume[:, None], np.eye(3))[free],
+            np.kron(lumped, body.gravity)[free],
+            scalar,
+        )
+
+    @cached_property
+    def heavy(self) -> bool:
+        """Whether gravity acts."""
+        return bool(np.any(self.gravity))
+
+    def elastic(self, young: np.ndarray) -> sp.csc_matrix:
+        """Elastic stiffness (D, D) at Young's moduli (n,) [Pa]."""
+        return sum((e * k for e, k in zip(young, self.stiffness, strict=True)), start=0 * self.mass)
+
+    def geometric(self, young: np.ndarray) -> sp.csc_matrix:
+        """Stiffness (D, D) of the static stress under gravity."""
+        sag = np.zeros(3 * len(self.nodes))
+        sag[self.free] = splu(self.elastic(young), **_SYMMETRIC).solve(self.gravity)
+        basis = self.scalar.with_element(ElementTetP2())
+        slope = np.stack([basis.interpolate(sag[c::3]).grad for c in range(3)])
+        strain = 0.5 * (slope + np.swapaxes(slope, 0, 1))
+        e, nu = np.asarray(young, float)[self.part - 1], self.poisson[self.part - 1]
+        lam, mu = (e * nu / ((1 + nu) * (1 - 2 * nu)))[:, None], (e / (2 * (1 + nu)))[:, None]
+        stress = 2 * mu * strain + lam * trace(strain) * np.eye(3)[:, :, None, None]
+        form = BilinearForm(lambda u, v, w: np.einsum("ij...,i...,j...->...", w.stress, u.grad, v.grad))
+        return sp.kron(asm(form, basis, stress=stress), sp.identity(3)).tocsr()[self.free][:, self.free].tocsc()
+
+    def eigenmodes(self, young: np.ndarray, count: int, geometric: sp.csc_matrix | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The `count` modes nearest to rest: squared angular frequencies (count,) [1/s^2], rising, and shapes (D, count).
+
+        Negative squares tell of buckling under `geometric`.
+        """
+        matrix = self.elastic(young) if geometric is None else self.elastic(young) + geometric
+        shift = 0.0 if len(self.free) < 3 * len(self.nodes) else RIGID_SHIFT
+        solve = splu((matrix - shift * self.mass).tocsc(), **_SYMMETRIC).solve
+        inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
+        start = np.random.default_rng(0).standard_normal(len(self.free))
+        omega2, shapes = eigsh(matrix, min(count, len(self.free) - 2), self.mass, sigma=shift, OPinv=inverse, v0=start, tol=1e-7)
+        order = np.argsort(omega2)
+        return omega2[order], shapes[:, order]
+
+
+_SYMMETRIC = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True))
+
+
+def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
+    form = BilinearForm(lambda u, v, w: w.rho * u * v)
+    return asm(form, basis, rho=np.broadcast_to(density[:, None], basis.dx.shape))
+
+
+def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.ndarray) -> sp.csc_matrix:
+    """Stiffness of the chosen elements at E = 1 Pa over the free degrees of freedom."""
+    basis = Basis(grid, ElementVector(ElementTetP2()), intorder=STIFFNESS_ORDER, elements=np.flatnonzero(chosen))
+    lam, mu = poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
+
+    @BilinearForm
+    def hooke(u, v, _):  # type: ignore[no-untyped-def]
+        a, b = sym_grad(u), sym_grad(v)
+        return lam * trace(a) * trace(b) + 2 * mu * ddot(a, b)
+
+    return asm(hooke, basis).tocsr()[free][:, free].tocsc()
+
+
+def modal_model(elements: Elements, youngs: list[np.ndarray], count: int) -> ModalModel:
+    """Ritz model spanned by the lowest `count` eigenmodes at each of `youngs` (n,) and the static shapes under uniform
+    loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second order."""
+    geometric = elements.geometric(youngs[0]) if elements.heavy else None
+    vectors = [elements.eigenmodes(young, count, geometric)[1] for young in youngs]
+    static = splu(elements.elastic(youngs[0]) - _shift(elements), **_SYMMETRIC).solve(np.column_stack([elements.push, elements.gravity[:, None]]))
+    basis = _orthonormal(np.column_stack([*vectors, static[:, np.abs(static).max(0) > 0]]), elements.mass)
+    full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
+    full[elements.free] = basis
+    model = ModalModel(
+        elements.nodes,
+        elements.tets,
+        elements.part,
+        full.reshape(len(elements.nodes), 3, -1),
+        np.stack([basis.T @ (k @ basis) for k in elements.stiffness]),
+        np.zeros((basis.shape[1],) * 2) if geometric is None else basis.T @ (geometric @ basis),
+        basis.T @ elements.gravity,
+        np.asarray(youngs[0], float),
+    )
+    return model.rotated(youngs[0])
+
+
+def _shift(elements: Elements) -> sp.csc_matrix:
+    return (0.0 if len(elements.free) < 3 * len(elements.nodes) else RIGID_SHIFT) * elements.mass
+
+
+def _orthonormal(vectors: np.ndarray, mass: sp.csc_matrix) -> np.ndarray:
+    """Mass-orthonormal basis of the span of vectors (D, k), near-copies dropped, (D, r)."""
+    vectors = vectors / np.sqrt((vectors * (mass @ vectors)).sum(0))
+    size, mix = np.linalg.eigh(vectors.T @ (mass @ vectors))
+    kept = size > KEPT
+    return vectors @ (mix[:, kept] / np.sqrt(size[kept]))

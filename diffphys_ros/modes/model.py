@@ -1,0 +1,169 @@
+"""The body's motion in a few modes: a Ritz basis on a finite-element mesh, its stiffness per part. numpy and scipy only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import interpolation
+from .response import SLOWEST, Step, convolve
+
+LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
+DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s]
+
+Weight = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class ModalModel:
+    """Small motions u(x, t) = sum_k basis_k(x) q_k(t) of the body about its shape in frame 0, body frame.
+
+    The basis is mass-orthonormal, so that with load p_k = integral of f . basis_k dV
+    q'' + (alpha + beta K) q' + K q = p,  K = sum_i young_i stiffness_i + geometric,
+    and at the Young's moduli of `reference` its vectors are the eigenmodes, lowest first. Strain energy of gravity's
+    prestress enters as `geometric` (independent of a common factor of all moduli).
+    """
+
+    nodes: np.ndarray  # of quadratic tetrahedra, body frame [m], (N, 3)
+    tets: np.ndarray  # node numbers in the order of interpolation.py, (E, 10)
+    part: np.ndarray  # of the elements, 1..n, (E,)
+    basis: np.ndarray  # [kg^-1/2], (N, 3, r)
+    stiffness: np.ndarray  # per part and Pa [1/(Pa s^2)], (n, r, r)
+    geometric: np.ndarray  # [1/s^2], (r, r)
+    gravity_load: np.ndarray  # [N/kg^1/2], (r,)
+    reference: np.ndarray  # Young's moduli [Pa] at which the basis is diagonal, (n,)
+
+    @property
+    def modes(self) -> int:
+        """Number of basis vectors r."""
+        return self.basis.shape[2]
+
+    def matrix(self, young: np.ndarray) -> np.ndarray:
+        """K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
+        return np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness) + self.geometric
+
+    def eigen(self, young: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared angular frequencies (r,) [1/s^2], lowest first, and mode shapes (r, r) as columns of basis coordinates.
+
+        A negative square means that the body buckles under gravity at these moduli.
+        """
+        return np.linalg.eigh(self.matrix(young))
+
+    def frequencies(self, young: np.ndarray) -> np.ndarray:
+        """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""
+        return np.sqrt(np.maximum(self.eigen(young)[0], 0.0)) / (2 * np.pi)
+
+    def evaluate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Basis at body points (M, 3): values (M, 3, r) and gradients (M, 3, 3, r), gradient[:, i, j] = d u_i / d x_j [1/m].
+
+        Exact inside the mesh; outside it continues linearly from the nearest element.
+        """
+        value, slope = interpolation.evaluate(self.nodes, self.tets, self.basis, points)
+        return value, np.swapaxes(slope, 1, 2)
+
+    def load(self, points: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Modal loads (r, 3) of unit force densities along x, y, z at points (M, 3) that carry volumes `weight` (M,) [m^3]."""
+        return np.einsum("m,mcr->rc", weight, self.evaluate(points)[0])
+
+    def footprint_load(self, weight: Weight | None = None) -> np.ndarray:
+        """Modal loads (r, 3) of unit force densities along x, y, z times weight(points), integrated over the body."""
+        points, volume, shape = interpolation.quadrature(self.nodes, self.tets)
+        scale = volume if weight is None else volume * weight(points)
+        nodal = np.zeros(len(self.nodes))
+        np.add.at(nodal, np.repeat(self.tets, 4, 0), scale[:, None] * shape)
+        return np.einsum("n,ncr->rc", nodal, self.basis)
+
+    def gravity_coordinates(self, young: np.ndarray) -> np.ndarray:
+        """Basis coordinates (r,) of the static displacement under gravity: frame 0 minus the stress-free shape, to first order."""
+        return np.linalg.solve(np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness), self.gravity_load)
+
+    def step(self, young: np.ndarray, mass_damping: float, stiffness_damping: float, period_s: float) -> tuple[Step, np.ndarray]:
+        """Exact transition of the eigenmodes over a frame, and their shapes (r, r)."""
+        omega2, shapes = self.eigen(young)
+        omega2 = np.maximum(omega2, SLOWEST**2)
+        return Step.of(omega2, 0.5 * (mass_damping + stiffness_damping * omega2), period_s), shapes
+
+    def respond(
+        self,
+        young: np.ndarray,
+        *,
+        mass_damping: float,
+        stiffness_damping: float,
+        load: np.ndarray,
+        period_s: float,
+        initial_displacement: np.ndarray | None = None,
+        initial_velocity: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Basis coordinates (T, r) at the frame times; load (T, r) [N/kg^1/2] is constant within a frame (load[k] acts in
+        [t_k, t_k+1)). Exact for the linear model, whatever the frequencies."""
+        step, shapes = self.step(young, mass_damping, stiffness_damping, period_s)
+        free = np.zeros(load.shape)
+        for start, history in zip((initial_displacement, initial_velocity), np.swapaxes(step.released(len(load)), 0, 1), strict=True):
+            if start is not None:
+                free += history * (shapes.T @ start)
+        return (free + convolve(step.pulse(len(load)), load @ shapes)) @ shapes.T
+
+    def jacobian(
+        self,
+        young: np.ndarray,
+        *,
+        mass_damping: float,
+        stiffness_damping: float,
+        footprint: np.ndarray,
+        force: np.ndarray,
+        frames: np.ndarray,
+        period_s: float,
+        initial_displacement: np.ndarray | None = None,
+        initial_velocity: np.ndarray | None = None,
+        initial_modes: int = 0,
+    ) -> np.ndarray:
+        """Derivatives (T, r, S) of the basis coordinates in the order of S = n + 2 + 3 F + 2 m unknowns: log E per part,
+        alpha, beta, force amplitudes (F, 3) in `frames` (F,), then m = initial_modes initial displacements and rates.
+
+        footprint (r, 3) is what `footprint_load` gives, force (T, 3) [N/m^3]. The last two groups enter linearly and are
+        exact; the others are central differences of the exact response.
+        """
+        young = np.asarray(young, float)
+        n, count = len(young), len(force)
+
+        def at(change: np.ndarray) -> np.ndarray:
+            return self.respond(
+                young * np.exp(change[:n]),
+                mass_damping=mass_damping + change[n],
+                stiffness_damping=stiffness_damping + change[n + 1],
+                load=force @ footprint.T,
+                period_s=period_s,
+                initial_displacement=initial_displacement,
+                initial_velocity=initial_velocity,
+            )
+
+        steps = np.diag([LOG_STEP] * n + list(DAMPING_STEP))
+        physics = [(at(h) - at(-h)) / (2 * h.sum()) for h in steps]
+        step, shapes = self.step(young, mass_damping, stiffness_damping, period_s)
+        pulse, forced = step.pulse(count), np.zeros((count, self.modes, len(frames), 3))
+        for i, k in enumerate(frames):
+            forced[k:, :, i] = np.einsum("as,ts,sc->tac", shapes, pulse[: count - k], shapes.T @ footprint)
+        released = np.einsum("as,tjs,bs->tajb", shapes, step.released(count), shapes[:initial_modes])
+        return np.concatenate([np.stack(physics, -1), forced.reshape(count, self.modes, -1), released.reshape(count, self.modes, -1)], -1)
+
+    def track_jacobian(self, points: np.ndarray, young: np.ndarray, **motion: object) -> np.ndarray:
+        """Derivatives (T, M, 3, S) of the displacements of body points (M, 3); the unknowns and the other arguments are
+        those of `jacobian`."""
+        return np.einsum("mcr,trs->tmcs", self.evaluate(points)[0], self.jacobian(young, **motion), optimize=True)  # type: ignore[arg-type]
+
+    def rotated(self, young: np.ndarray, modes: int | None = None) -> ModalModel:
+        """The same model with the eigenmodes at `young` as basis; only the lowest `modes` of them where given."""
+        shapes = self.eigen(young)[1][:, :modes]
+        basis = self.basis @ shapes
+        sign = np.sign(np.take_along_axis(basis.reshape(-1, basis.shape[2]), np.abs(basis).reshape(-1, basis.shape[2]).argmax(0)[None], 0))[0]
+        shapes = shapes * sign
+        return replace(
+            self,
+            basis=self.basis @ shapes,
+            stiffness=shapes.T @ self.stiffness @ shapes,
+            geometric=shapes.T @ self.geometric @ shapes,
+            gravity_load=shapes.T @ self.gravity_load,
+            reference=np.asarray(young, float).copy(),
+        )
