@@ -60,17 +60,18 @@ def load(folder: str | Path) -> Recovery:
     path = Path(folder) / RECOVERY
     z = store.read_arrays(path, "recovery")
     metrics = read_metrics(folder)
-    notes = tuple(metrics.pop("notes", ()))  # type: ignore[arg-type]
+    notes = metrics.pop("notes", [])
     try:
         grid = Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"]))
+        fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, "young", "initial_velocity", "identified")}
         return Recovery(
-            **{name: z[name] for name in (*_FIELDS, "young", "initial_velocity", "identified")},
+            **fields,
             **{name: z[name].item() for name in _SCALARS},
             frames=z.get("frames"),
             grid=grid,
             reasons=tuple(z["reasons"].tolist()),
             metrics=metrics,
-            notes=notes,
+            notes=tuple(notes),
         )
     except KeyError as error:
         raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
@@ -134,7 +135,7 @@ def write_metrics(folder: str | Path, metrics: dict[str, object]) -> Path:
     return store.write_whole(Path(folder) / METRICS, lambda path: path.write_text(text, encoding="utf-8"))
 
 
-def read_metrics(folder: str | Path) -> dict[str, object]:
+def read_metrics(folder: str | Path) -> dict[str, Any]:
     """What metrics.json of a result folder holds; empty where there is none. Raises InputError for a broken one."""
     path = Path(folder) / METRICS
     try:

@@ -1,0 +1,195 @@
+"""Everything that reaches rerun: the one file that imports it. A Stream is one recording, in a file or a viewer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ..types import Camera, Clip, Recovery, Splats
+from .colours import COMPONENTS, stiffness_colours
+
+APPLICATION = "diffphys_ros"
+TIME = "time"  # the timeline
+ARROWS = 300  # most force arrows in one frame
+ARROW_SHARE = 0.35  # length of the longest arrow, as a share of the object's extent
+_JPEG_QUALITY = 90
+
+
+class Stream:
+    """One rerun recording. World frame, SI units; times are ROS stamps [ns].
+
+    Open it with `file` (an .rrd) or `viewer` (a grpc URL, or "spawn" for a new viewer); close it to flush.
+    """
+
+    def __init__(self, *, file: str | Path | None = None, viewer: str | None = None, recording_id: str | None = None) -> None:
+        if (file is None) == (viewer is None):
+            raise ValueError("give a file or a viewer")
+        self._rec = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+        if file is not None:
+            self._rec.save(str(file), default_blueprint=blueprint())
+        elif viewer == "spawn":
+            self._rec.spawn(default_blueprint=blueprint())
+        else:
+            self._rec.connect_grpc(viewer, default_blueprint=blueprint())
+        for name, colour in zip("xyz", COMPONENTS, strict=True):
+            self._rec.log(f"net_force/{name}", rr.SeriesLines(colors=_rgb(colour), names=f"F{name} [N]", widths=2), static=True)
+        self._losses: list[float] = []
+
+    def __enter__(self) -> Stream:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is buffered and let go of the sink."""
+        self._rec.flush()
+        self._rec.disconnect()
+
+    def at(self, stamp_ns: int) -> None:
+        """What is logged next happened at this stamp [ns]."""
+        self._rec.set_time(TIME, timestamp=np.datetime64(int(stamp_ns), "ns"))
+
+    def log_camera(self, camera: Camera, *, plane_m: float = 0.1) -> None:
+        """The pinhole camera and its pose; its image is drawn `plane_m` in front of it [m]."""
+        pose = rr.Transform3D(translation=camera.position, mat3x3=camera.world_from_camera[:3, :3])
+        self._rec.log("world/camera", pose, static=True)
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.pixel_from_camera,
+            width=camera.width,
+            height=camera.height,
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=plane_m,
+        )
+        self._rec.log("world/camera/image", pinhole, static=True)
+
+    def log_image(self, rgb: np.ndarray, *, entity: str = "world/camera/image/input") -> None:
+        """A colour image, uint8 (H, W, 3)."""
+        self._rec.log(entity, rr.Image(np.ascontiguousarray(rgb)).compress(jpeg_quality=_JPEG_QUALITY))
+
+    def log_jpeg(self, data: bytes, *, entity: str = "world/camera/image/input") -> None:
+        """A colour image that is JPEG or PNG already."""
+        self._rec.log(entity, rr.EncodedImage(contents=data))
+
+    def log_rendered(self, rgb: np.ndarray) -> None:
+        """A rendered image, uint8 (H, W, 3)."""
+        self.log_image(rgb, entity="rendered")
+
+    def log_labels(self, labels: np.ndarray) -> None:
+        """A label image, uint8 (H, W): 0 background, 1..n parts, 255 ignore."""
+        self._rec.log("labels", rr.SegmentationImage(labels))
+
+    def log_splats(self, splats: Splats) -> None:
+        """The Gaussians of frame 0."""
+        rgba = np.concatenate([splats.color, splats.opacity[:, None]], 1)
+        colours = np.rint(255 * rgba.clip(0, 1)).astype(np.uint8)
+        xyzw = np.roll(splats.rotation, -1, 1)
+        self._rec.log("world/splats", rr.GaussianSplats3D(splats.mean, scales=splats.scale, quaternions=xyzw, colors=colours))
+
+    def log_cloud(self, points: np.ndarray, colours: np.ndarray, *, radius_m: float, entity: str = "world/object") -> None:
+        """Points (N, 3) [m] with colours, uint8 (N, 3)."""
+        self._rec.log(entity, rr.Points3D(points, colors=colours, radii=radius_m))
+
+    def log_arrows(self, points: np.ndarray, vectors: np.ndarray, *, entity: str = "world/force") -> None:
+        """Arrows (N, 3), already scaled to metres, from points (N, 3) [m]."""
+        self._rec.log(entity, rr.Arrows3D(origins=points, vectors=vectors, colors=(235, 110, 40)))
+
+    def log_net_force(self, force: np.ndarray) -> None:
+        """Net force (3,) [N] as three time series."""
+        for name, value in zip("xyz", force, strict=True):
+            self._rec.log(f"net_force/{name}", rr.Scalars(float(value)))
+
+    def log_loss(self, loss: float) -> None:
+        """The loss of one more iteration; a bar each, because iterations are no time of the clip's clock."""
+        self._losses.append(loss)
+        self._rec.log("loss", rr.BarChart(np.array(self._losses)), static=True)
+
+    def log_text(self, text: str) -> None:
+        """One line of news."""
+        self._rec.log("log", rr.TextLog(text))
+
+    def log_document(self, markdown: str) -> None:
+        """The summary shown beside the views."""
+        self._rec.log("summary", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def blueprint() -> rrb.Blueprint:
+    """The default arrangement: images, world, force and loss over time."""
+    images = rrb.Vertical(
+        rrb.Spatial2DView(origin="world/camera/image", name="input"), rrb.Spatial2DView(origin="rendered", name="rendered")
+    )
+    curves = rrb.Vertical(
+        rrb.TimeSeriesView(origin="net_force", name="net force [N]"),
+        rrb.Tabs(
+            rrb.TextDocumentView(origin="summary", name="summary"),
+            rrb.BarChartView(origin="loss", name="loss by iteration"),
+            rrb.TextLogView(origin="log", name="log"),
+        ),
+    )
+    world = rrb.Spatial3DView(origin="world", name="object: stiffness and force")
+    layout = rrb.Horizontal(images, world, curves, column_shares=[2, 3, 2])
+    return rrb.Blueprint(layout, rrb.TimePanel(timeline=TIME, state="collapsed"), collapse_panels=True)
+
+
+def write_rrd(path: str | Path, recovery: Recovery, clip: Clip, splats: Splats | None = None) -> Path:
+    """Write a whole recovery as an .rrd file: input, render, particles coloured by stiffness, force, loss."""
+    with Stream(file=path, recording_id=f"{clip.start_ns}") as stream:
+        log_recovery(stream, recovery, clip, splats=splats)
+    return Path(path)
+
+
+def log_recovery(stream: Stream, recovery: Recovery, clip: Clip, *, splats: Splats | None = None) -> None:
+    """Log a recovery and the clip it came from, every frame at its stamp."""
+    stream.at(clip.start_ns)
+    stream.log_camera(clip.camera, plane_m=float(np.linalg.norm(recovery.points.mean(0) - clip.camera.position)) * 1.6)
+    stream.log_document(_document(recovery))
+    if splats is not None:
+        stream.log_splats(splats)
+    losses = recovery.metrics.get("loss_history")
+    for loss in losses if isinstance(losses, (list, tuple)) else ():
+        stream.log_loss(float(loss))
+    colours, radius = stiffness_colours(recovery.young), point_radius(recovery.volume)
+    arrows, net = force_arrows(recovery.points, recovery.force, recovery.clamped), recovery.net_force()
+    for frame, seconds in enumerate(clip.times):
+        stream.at(clip.start_ns + round(seconds * 1e9))
+        stream.log_image(clip.frames[frame])
+        if recovery.frames is not None:
+            stream.log_rendered(recovery.frames[frame])
+        stream.log_cloud(recovery.trajectory[frame], colours, radius_m=radius)
+        index, vectors = arrows
+        stream.log_arrows(recovery.trajectory[frame][index], vectors[frame])
+        stream.log_net_force(net[frame])
+
+
+def point_radius(volume: np.ndarray) -> float:
+    """Radius [m] at which points of these volumes [m^3] look like a solid."""
+    return 0.45 * float(np.cbrt(np.median(volume)))
+
+
+def force_arrows(points: np.ndarray, force: np.ndarray, clamped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (M,) of at most ARROWS free points spread over the object and their arrows (T, M, 3) [m].
+
+    points (N, 3) [m], force (T, N, 3) [N/m^3]; the longest arrow spans ARROW_SHARE of the object.
+    """
+    free = np.flatnonzero(~clamped)
+    index = free[np.linspace(0, len(free) - 1, min(ARROWS, len(free))).astype(int)]
+    some = force[:, index].astype(float)
+    peak = np.linalg.norm(some, axis=2).max(initial=0.0)
+    scale = ARROW_SHARE * np.ptp(points, axis=0).max() / peak if peak > 0 else 0.0
+    return index, some * scale
+
+
+def _document(recovery: Recovery) -> str:
+    rows = ["| part | Young's modulus [Pa] | sd of log10 | identified |", "|---|---|---|---|"]
+    for number, (known, reason) in enumerate(zip(recovery.identified, recovery.reasons, strict=True), 1):
+        here = recovery.part == number
+        young, sd = (float(np.median(values[here])) if here.any() else float("nan") for values in (recovery.young, recovery.log10_young_sd))
+        rows.append(f"| {number} | {young:.4g} | {sd:.3f} | {'yes' if known else 'no'}: {reason} |")
+    return "\n".join([*rows, "", *(f"- {note}" for note in recovery.notes)])
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(bytes.fromhex(colour[1:]))

@@ -1,0 +1,67 @@
+"""Claims about the summary figure."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros.types import Clip, Recovery
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from matplotlib.image import imread
+
+from diffphys_ros.report import figure
+from diffphys_ros.report.colours import COMPONENTS, pascals, ramp, stiffness_colours
+
+
+def has_colour(image: np.ndarray, colour: str) -> bool:
+    rgb = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
+    return bool((np.abs(image[..., :3] - rgb).max(-1) < 0.02).sum() > 50)
+
+
+def test_the_figure_shows_input_and_force(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    image = imread(figure.summary(tmp_path / "a.png", made_recovery, made_clip))
+    assert image.shape[1] == 1430
+    assert has_colour(image, "#3c5ac8")  # the blue part of the input frames
+    assert has_colour(image, COMPONENTS[2])  # the gust acts along z
+
+
+def test_equal_results_give_equal_figures(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    first, second = (figure.summary(tmp_path / name, made_recovery, made_clip).read_bytes() for name in ("a.png", "b.png"))
+    assert first == second
+
+
+def test_a_truth_changes_the_figure(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    truth = figure.Truth([8.2e4, 1.9e4], 1.1 * made_recovery.net_force())
+    plain = figure.summary(tmp_path / "a.png", made_recovery, made_clip).read_bytes()
+    assert figure.summary(tmp_path / "b.png", made_recovery, made_clip, truth=truth).read_bytes() != plain
+
+
+def test_a_recovery_without_renders_still_has_a_figure(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    bare = dataclasses.replace(made_recovery, frames=None, force=0 * made_recovery.force, identified=np.array([False, False]))
+    full = imread(figure.summary(tmp_path / "a.png", made_recovery, made_clip))
+    assert len(imread(figure.summary(tmp_path / "b.png", bare, made_clip))) < len(full)
+
+
+def test_shown_frames_are_those_that_moved_most(made_recovery: Recovery) -> None:
+    shown = figure.shown_frames(made_recovery, 4)
+    motion = np.abs(made_recovery.trajectory - made_recovery.trajectory[0]).max((1, 2))
+    assert shown[0] == 0
+    assert shown == sorted(set(shown))
+    assert motion[shown[1:]].max() == motion.max()
+
+
+def test_one_stiffness_has_one_colour_and_the_unknown_is_grey() -> None:
+    soft, stiff, unknown = stiffness_colours(np.array([1e4, 1e6, np.nan]))
+    assert soft.sum() < stiff.sum()
+    assert len(set(unknown.tolist())) == 1
+    np.testing.assert_array_equal(*stiffness_colours(np.array([5e4, 5e4])))
+    assert ramp(np.linspace(0, 1, 5)).dtype == np.uint8
+
+
+@pytest.mark.parametrize(("value", "words"), [(83_210.0, "83.2 kPa"), (1.8e6, "1.8 MPa"), (7.0, "7 Pa"), (np.nan, "not identified")])
+def test_stiffness_is_told_in_a_fitting_unit(value: float, words: str) -> None:
+    assert pascals(value) == words

@@ -1,0 +1,63 @@
+"""Claims about the rerun recording."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros.types import Clip, Recovery, Splats
+
+pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+from diffphys_ros.report import rerun_log
+
+
+def rerun(*arguments: str) -> str:
+    command = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    if command is None:
+        pytest.skip("the rerun command is not on the path")
+    done = subprocess.run([command, *arguments], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def some_splats() -> Splats:
+    return Splats(
+        *(a.astype(np.float32) for a in (np.zeros((5, 3)), np.eye(4)[[0] * 5], np.full((5, 3), 0.01), np.ones(5), np.ones((5, 3))))
+    )
+
+
+def test_the_file_passes_reruns_own_check(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    path = rerun_log.write_rrd(tmp_path / "a.rrd", made_recovery, made_clip, splats=some_splats())
+    rerun("rrd", "verify", str(path))
+
+
+def test_the_file_holds_every_view(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    path = rerun_log.write_rrd(tmp_path / "a.rrd", made_recovery, made_clip, splats=some_splats())
+    listing = rerun("rrd", "print", str(path))
+    for entity in ("world/camera/image/input", "rendered", "world/object", "world/force", "world/splats", "net_force/z", "summary"):
+        assert f"/{entity}" in listing, entity
+
+
+def test_arrows_start_at_free_points_and_fit_the_object(made_recovery: Recovery) -> None:
+    index, arrows = rerun_log.force_arrows(made_recovery.points, made_recovery.force, made_recovery.clamped)
+    assert not made_recovery.clamped[index].any()
+    extent = np.ptp(made_recovery.points, axis=0).max()
+    assert np.linalg.norm(arrows, axis=2).max() == pytest.approx(rerun_log.ARROW_SHARE * extent)
+    assert not arrows[6:].any()
+
+
+def test_arrows_of_no_force_are_no_arrows(made_recovery: Recovery) -> None:
+    _, arrows = rerun_log.force_arrows(made_recovery.points, 0 * made_recovery.force, made_recovery.clamped)
+    assert not arrows.any()
+
+
+def test_a_stream_needs_exactly_one_place_to_go(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a file or a viewer"):
+        rerun_log.Stream()
+    with pytest.raises(ValueError, match="a file or a viewer"):
+        rerun_log.Stream(file=tmp_path / "a.rrd", viewer="spawn")
