@@ -1,0 +1,211 @@
+"""The adjoint of one substep, by hand: the derivative of kernels.py read backwards.
+
+    g2p_adjoint    adjoints of the next state -> adjoint of the nodal velocity, parts of the adjoints of x and F
+    grid_adjoint   adjoint of the nodal velocity -> adjoint of momentum and mass, of the drag factor
+    p2g_adjoint    adjoint of momentum and mass -> adjoints of the state, of mu, lam, body force and mass
+
+The state before and after the substep and the nodal velocity between them must be at hand (the replay provides them).
+With L = sum_i w_i(x) V_i . (a + Q d_i), d_i = x_i - x, both transfers have the position gradient
+sum_i (V_i . (a + Q d_i)) grad w_i - Q^T sum_i w_i V_i: the same loop serves twice. Names end in _bar for dL/d(name).
+"""
+
+# mypy: ignore-errors  (Warp's annotations are values)
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from .kernels import OPTIONS, common
+from .laws import LAWS
+
+
+@cache
+def adjoint(law: str, real: type) -> SimpleNamespace:
+    """Kernels g2p_adjoint, grid_adjoint, p2g_adjoint for a law's name and a Warp scalar type."""
+    _, stress_adjoint = LAWS[law](real)
+    stress, _ = LAWS[law](real)
+    module = wp.get_module(f"diffphys_ros.simulate.adjoint_{law}_{real.__name__}")
+    module.options |= OPTIONS
+    kernel: Callable[..., Any] = wp.kernel(enable_backward=False, module=module)
+    t = common(real)
+    vec3, vec4, mat33, Lattice = t.vec3, t.vec4, t.mat33, t.Lattice
+    cell, inside, first, lift, column, weights, slopes = t.cell, t.inside, t.first, t.lift, t.column, t.weights, t.slopes
+
+    @kernel
+    def g2p_adjoint(
+        # in:
+        lattice: Lattice,
+        slot: int,
+        next_slot: int,
+        xs: wp.array2d(dtype=vec3),
+        vs: wp.array2d(dtype=vec3),
+        Cs: wp.array2d(dtype=mat33),
+        Fs: wp.array2d(dtype=mat33),
+        velocity: wp.array(dtype=vec4),
+        v_bar: wp.array(dtype=vec3),
+        C_bar: wp.array(dtype=mat33),
+        # out:
+        x_bar: wp.array(dtype=vec3),
+        F_bar: wp.array(dtype=mat33),
+        velocity_bar: wp.array(dtype=vec4),
+    ):
+        p = wp.tid()
+        u = cell(lattice, xs[slot, p])
+        if not inside(lattice, u):
+            return
+        o = first(u)
+        f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        sx = slopes(f[0])
+        sy = slopes(f[1])
+        sz = slopes(f[2])
+        next_F_bar = F_bar[p]
+        Q = (lattice.affine * lattice.dx) * (C_bar[p] + lattice.dt * (next_F_bar * wp.transpose(Fs[slot, p])))
+        a = lift(v_bar[p] + lattice.dt * x_bar[p], real(0.0))
+        qx = column(Q, 0)
+        qy = column(Q, 1)
+        qz = column(Q, 2)
+        gx = real(0.0)
+        gy = real(0.0)
+        gz = real(0.0)
+        for i in range(3):
+            ai = a + (real(i) - f[0]) * qx
+            for j in range(3):
+                n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
+                q0 = ai + (real(j) - f[1]) * qy - f[2] * qz
+                q1 = q0 + qz
+                q2 = q1 + qz
+                w = wx[i] * wy[j]
+                s0 = wp.dot(velocity[n], q0)
+                s1 = wp.dot(velocity[n + 1], q1)
+                s2 = wp.dot(velocity[n + 2], q2)
+                wp.atomic_add(velocity_bar, n, (w * wz[0]) * q0)
+                wp.atomic_add(velocity_bar, n + 1, (w * wz[1]) * q1)
+                wp.atomic_add(velocity_bar, n + 2, (w * wz[2]) * q2)
+                e = wz[0] * s0 + wz[1] * s1 + wz[2] * s2
+                gx += sx[i] * wy[j] * e
+                gy += wx[i] * sy[j] * e
+                gz += w * (sz[0] * s0 + sz[1] * s1 + sz[2] * s2)
+        x_bar[p] = x_bar[p] + (vec3(gx, gy, gz) - wp.transpose(Q) * vs[next_slot, p]) / lattice.dx
+        F_bar[p] = next_F_bar + lattice.dt * (wp.transpose(Cs[next_slot, p]) * next_F_bar)
+
+    @kernel
+    def grid_adjoint(
+        # in:
+        keep: wp.array(dtype=real),
+        velocity: wp.array(dtype=vec4),
+        # out:
+        velocity_bar: wp.array(dtype=vec4),
+        momentum_bar: wp.array(dtype=vec4),
+        keep_bar: wp.array(dtype=real),
+    ):
+        n = wp.tid()
+        b = velocity_bar[n]
+        if b[0] == real(0.0) and b[1] == real(0.0) and b[2] == real(0.0):
+            momentum_bar[n] = vec4()
+            return
+        velocity_bar[n] = vec4()
+        v = velocity[n]
+        scale = v[3]
+        along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / keep[0]
+        momentum_bar[n] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
+        keep_bar[n] = keep_bar[n] + along
+
+    @kernel
+    def p2g_adjoint(
+        # in:
+        lattice: Lattice,
+        slot: int,
+        xs: wp.array2d(dtype=vec3),
+        vs: wp.array2d(dtype=vec3),
+        Cs: wp.array2d(dtype=mat33),
+        Fs: wp.array2d(dtype=mat33),
+        mu: wp.array(dtype=real),
+        lam: wp.array(dtype=real),
+        body: wp.array(dtype=vec3),
+        volume: wp.array(dtype=real),
+        mass: wp.array(dtype=real),
+        momentum_bar: wp.array(dtype=vec4),
+        # out:
+        x_bar: wp.array(dtype=vec3),
+        v_bar: wp.array(dtype=vec3),
+        C_bar: wp.array(dtype=mat33),
+        F_bar: wp.array(dtype=mat33),
+        mu_bar: wp.array(dtype=real),
+        lam_bar: wp.array(dtype=real),
+        body_bar: wp.array(dtype=vec3),
+        mass_bar: wp.array(dtype=real),
+    ):
+        p = wp.tid()
+        u = cell(lattice, xs[slot, p])
+        if not inside(lattice, u):
+            return
+        o = first(u)
+        f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        sx = slopes(f[0])
+        sy = slopes(f[1])
+        sz = slopes(f[2])
+        m = mass[p]
+        F = Fs[slot, p]
+        C = Cs[slot, p]
+        v = vs[slot, p]
+        stiff = lattice.affine * lattice.dt * volume[p]
+        A = lattice.dx * (m * C - stiff * stress(F, mu[p], lam[p]))
+        b = lift(m * v + (lattice.dt * volume[p]) * body[p], m)
+        ax = column(A, 0)
+        ay = column(A, 1)
+        az = column(A, 2)
+        total = vec4()
+        tx = vec4()
+        ty = vec4()
+        tz = vec4()
+        gx = real(0.0)
+        gy = real(0.0)
+        gz = real(0.0)
+        for i in range(3):
+            bi = b + (real(i) - f[0]) * ax
+            for j in range(3):
+                n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
+                h0 = bi + (real(j) - f[1]) * ay - f[2] * az
+                h1 = h0 + az
+                h2 = h1 + az
+                g0 = momentum_bar[n]
+                g1 = momentum_bar[n + 1]
+                g2 = momentum_bar[n + 2]
+                s0 = wp.dot(g0, h0)
+                s1 = wp.dot(g1, h1)
+                s2 = wp.dot(g2, h2)
+                w = wx[i] * wy[j]
+                e = wz[0] * s0 + wz[1] * s1 + wz[2] * s2
+                gx += sx[i] * wy[j] * e
+                gy += wx[i] * sy[j] * e
+                gz += w * (sz[0] * s0 + sz[1] * s1 + sz[2] * s2)
+                g1 = wz[1] * g1
+                g2 = wz[2] * g2
+                s = w * (wz[0] * g0 + g1 + g2)
+                total += s
+                tx += (real(i) - f[0]) * s
+                ty += (real(j) - f[1]) * s
+                tz += w * (g1 + real(2.0) * g2)
+        tz -= f[2] * total
+        b_bar = vec3(total[0], total[1], total[2])
+        A_bar = lattice.dx * mat33(tx[0], ty[0], tz[0], tx[1], ty[1], tz[1], tx[2], ty[2], tz[2])
+        through_F, through_mu, through_lam = stress_adjoint(F, mu[p], lam[p], (-stiff) * A_bar)
+        x_bar[p] = x_bar[p] + (vec3(gx, gy, gz) - wp.transpose(A) * b_bar) / lattice.dx
+        v_bar[p] = m * b_bar
+        C_bar[p] = m * A_bar
+        F_bar[p] = F_bar[p] + through_F
+        mu_bar[p] = mu_bar[p] + through_mu
+        lam_bar[p] = lam_bar[p] + through_lam
+        body_bar[p] = body_bar[p] + (lattice.dt * volume[p]) * b_bar
+        mass_bar[p] = mass_bar[p] + total[3] + wp.dot(b_bar, v) + wp.ddot(A_bar, C)
+
+    return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

@@ -1,0 +1,205 @@
+"""The forward kernels of one substep: explicit MLS-MPM with APIC transfers (Hu et al. 2018; paper Eq. 6 and 7).
+
+    p2g        particles -> momentum and mass of the nodes, elastic stress and body force included
+    grid       nodal velocity: drag, Dirichlet nodes; empties the momentum grid for the next substep
+    g2p        nodes -> particles: x, v, C, F of the next substep, and the flag of what went wrong
+
+One source for CPU and CUDA, built once per law and scalar type. Stencil loops stay loops (`max_unroll` 0): the module
+compiles in seconds and the compiler unrolls what pays. Nodes hold 4-vectors: momentum or velocity, and a scalar.
+"""
+
+# mypy: ignore-errors  (Warp's annotations are values)
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from . import spline
+from .laws import LAWS
+
+LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep * particles + particle) * 4 + reason
+
+OPTIONS = {"enable_backward": False, "max_unroll": 0}
+
+
+@cache
+def common(real: type) -> SimpleNamespace:
+    """Types and functions that forward and adjoint kernels share, over scalar type `real`."""
+    vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
+    weights, slopes = spline.build(real)
+
+    @wp.struct
+    class Lattice:
+        origin: vec3  # node (0, 0, 0) [m]
+        dx: real  # [m]
+        dt: real  # [s]
+        affine: real  # 4 / dx^2 [1/m^2]: inverse of the quadratic spline's second moment
+        empty_mass: real  # nodes lighter than this are empty [kg]
+        nx: int
+        ny: int
+        nz: int
+        clamp_index: int  # nodes with i <= clamp_index are held
+
+    @wp.func
+    def cell(lattice: Lattice, x: vec3):
+        return (x - lattice.origin) / lattice.dx
+
+    @wp.func
+    def inside(lattice: Lattice, u: vec3):
+        low = wp.min(u[0], wp.min(u[1], u[2])) >= real(0.5)
+        high = u[0] < real(lattice.nx) - real(1.5) and u[1] < real(lattice.ny) - real(1.5) and u[2] < real(lattice.nz) - real(1.5)
+        return low and high
+
+    @wp.func
+    def first(u: vec3):
+        return wp.vec3i(int(wp.floor(u[0] - real(0.5))), int(wp.floor(u[1] - real(0.5))), int(wp.floor(u[2] - real(0.5))))
+
+    @wp.func
+    def lift(a: vec3, w: real):
+        return vec4(a[0], a[1], a[2], w)
+
+    @wp.func
+    def column(A: mat33, j: int):
+        return vec4(A[0, j], A[1, j], A[2, j], real(0.0))
+
+    return SimpleNamespace(**locals())
+
+
+@cache
+def forward(law: str, real: type) -> SimpleNamespace:
+    """Kernels p2g, grid, g2p for a law's name and a Warp scalar type."""
+    stress, _ = LAWS[law](real)
+    module = wp.get_module(f"diffphys_ros.simulate.forward_{law}_{real.__name__}")
+    module.options |= OPTIONS
+    kernel: Callable[..., Any] = wp.kernel(enable_backward=False, module=module)
+    t = common(real)
+    vec3, vec4, mat33, Lattice = t.vec3, t.vec4, t.mat33, t.Lattice
+    cell, inside, first, lift, column, weights = t.cell, t.inside, t.first, t.lift, t.column, t.weights
+
+    @kernel
+    def p2g(
+        # in:
+        lattice: Lattice,
+        slot: int,
+        xs: wp.array2d(dtype=vec3),
+        vs: wp.array2d(dtype=vec3),
+        Cs: wp.array2d(dtype=mat33),
+        Fs: wp.array2d(dtype=mat33),
+        mu: wp.array(dtype=real),
+        lam: wp.array(dtype=real),
+        body: wp.array(dtype=vec3),
+        volume: wp.array(dtype=real),
+        mass: wp.array(dtype=real),
+        # out:
+        momentum: wp.array(dtype=vec4),
+    ):
+        p = wp.tid()
+        u = cell(lattice, xs[slot, p])
+        if not inside(lattice, u):
+            return
+        o = first(u)
+        f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        A = mass[p] * Cs[slot, p] - (lattice.affine * lattice.dt * volume[p]) * stress(Fs[slot, p], mu[p], lam[p])
+        A = lattice.dx * A
+        b = lift(mass[p] * vs[slot, p] + (lattice.dt * volume[p]) * body[p], mass[p])
+        ax = column(A, 0)
+        ay = column(A, 1)
+        az = column(A, 2)
+        for i in range(3):
+            bi = b + (real(i) - f[0]) * ax
+            for j in range(3):
+                n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
+                bj = (wx[i] * wy[j]) * (bi + (real(j) - f[1]) * ay)
+                aj = (wx[i] * wy[j]) * az
+                wp.atomic_add(momentum, n, wz[0] * (bj - f[2] * aj))
+                wp.atomic_add(momentum, n + 1, wz[1] * (bj + (real(1.0) - f[2]) * aj))
+                wp.atomic_add(momentum, n + 2, wz[2] * (bj + (real(2.0) - f[2]) * aj))
+
+    @kernel
+    def grid(
+        # in:
+        lattice: Lattice,
+        keep: wp.array(dtype=real),
+        # out:
+        momentum: wp.array(dtype=vec4),
+        velocity: wp.array(dtype=vec4),
+    ):
+        n = wp.tid()
+        q = momentum[n]
+        if q[3] == real(0.0):
+            return
+        momentum[n] = vec4()
+        if n < (lattice.clamp_index + 1) * lattice.ny * lattice.nz or q[3] <= lattice.empty_mass:
+            velocity[n] = vec4()
+        else:
+            scale = keep[0] / q[3]
+            velocity[n] = vec4(scale * q[0], scale * q[1], scale * q[2], scale)
+
+    @kernel
+    def g2p(
+        # in:
+        lattice: Lattice,
+        slot: int,
+        next_slot: int,
+        substep: int,
+        velocity: wp.array(dtype=vec4),
+        # out:
+        xs: wp.array2d(dtype=vec3),
+        vs: wp.array2d(dtype=vec3),
+        Cs: wp.array2d(dtype=mat33),
+        Fs: wp.array2d(dtype=mat33),
+        flag: wp.array(dtype=wp.int64),
+    ):
+        p = wp.tid()
+        x = xs[slot, p]
+        u = cell(lattice, x)
+        if not inside(lattice, u):
+            return
+        o = first(u)
+        f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        v = vec4()
+        bx = vec4()
+        by = vec4()
+        bz = vec4()
+        for i in range(3):
+            for j in range(3):
+                n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
+                g0 = wz[0] * velocity[n]
+                g1 = wz[1] * velocity[n + 1]
+                g2 = wz[2] * velocity[n + 2]
+                w = wx[i] * wy[j]
+                s = w * (g0 + g1 + g2)
+                v += s
+                bx += (real(i) - f[0]) * s
+                by += (real(j) - f[1]) * s
+                bz += w * (g1 + real(2.0) * g2)
+        bz -= f[2] * v
+        C = (lattice.affine * lattice.dx) * mat33(bx[0], by[0], bz[0], bx[1], by[1], bz[1], bx[2], by[2], bz[2])
+        v3 = vec3(v[0], v[1], v[2])
+        F = Fs[slot, p]
+        F = F + lattice.dt * (C * F)
+        x = x + lattice.dt * v3
+        xs[next_slot, p] = x
+        vs[next_slot, p] = v3
+        Cs[next_slot, p] = C
+        Fs[next_slot, p] = F
+        ratio = wp.determinant(F)
+        if not (inside(lattice, cell(lattice, x)) and ratio > real(0.0) and wp.isfinite(ratio)):
+            reason = wp.int64(LEFT_GRID)
+            if ratio <= real(0.0):
+                reason = wp.int64(INVERTED)
+            if not wp.isfinite(wp.length_sq(x) + ratio):
+                reason = wp.int64(NON_FINITE)
+            particles = wp.int64(xs.shape[1])
+            wp.atomic_min(flag, 0, (wp.int64(substep) * particles + wp.int64(p)) * wp.int64(4) + reason)
+
+    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p)

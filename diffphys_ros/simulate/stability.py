@@ -1,0 +1,62 @@
+"""How many substeps a frame needs, how stiff a given number allows, and what to say when a simulation left its bounds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..errors import InputError, SimulationError
+from .kernels import INVERTED, LEFT_GRID
+
+CFL = 0.5  # c_p dt / dx
+YOUNG_MARGIN = 1.5  # substeps are chosen for this times the stiffest Young's modulus of the moment
+
+
+def wave_speed(young: np.ndarray | float, poisson: np.ndarray | float, density: np.ndarray | float) -> np.ndarray:
+    """Speed of pressure waves [m/s] of an isotropic solid: sqrt(E (1 - nu) / ((1 + nu) (1 - 2 nu) rho))."""
+    young, nu, rho = (np.asarray(a, float) for a in (young, poisson, density))
+    return np.sqrt(young * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * rho))
+
+
+def substeps_per_frame(
+    young: np.ndarray | float,
+    poisson: np.ndarray | float,
+    density: np.ndarray | float,
+    *,
+    dx: float,
+    period_s: float,
+    margin: float = YOUNG_MARGIN,
+) -> int:
+    """ceil(c_p period / (CFL dx)) at `margin` times the stiffest of Young's moduli [Pa]. Raises InputError."""
+    speed = wave_speed(np.asarray(young, float) * margin, poisson, density)
+    if not np.all(np.isfinite(speed) & (speed > 0)):
+        raise InputError(
+            "substeps: Young's modulus and density must be positive and Poisson's ratio in 0 .. 0.5 (exclusive); correct the start values"
+        )
+    return max(1, math.ceil(float(speed.max()) * period_s / (CFL * dx) - 1e-9))
+
+
+def max_young(substeps: int, poisson: np.ndarray | float, density: np.ndarray | float, *, dx: float, period_s: float) -> np.ndarray:
+    """Largest Young's modulus [Pa] that `substeps` per frame carry at CFL 0.5: the inverse of substeps_per_frame at margin 1."""
+    nu, rho = np.asarray(poisson, float), np.asarray(density, float)
+    speed = substeps * CFL * dx / period_s
+    return speed**2 * (1 + nu) * (1 - 2 * nu) * rho / (1 - nu)
+
+
+def raise_for_flag(code: int, *, particles: int, frame: int, substeps: int, where: np.ndarray, stiffest: float, allowed: float) -> None:
+    """SimulationError for the flag of a frame: `where` is the particle's last position [m], `stiffest` and `allowed`
+    are the largest Young's modulus present and the largest that these substeps carry [Pa]."""
+    index, reason = divmod(code, 4)
+    substep, particle = divmod(index, particles)
+    place = f"frame {frame}, substep {substep} of {substeps}, particle {particle}"
+    point = ", ".join(f"{c:.4g}" for c in where)
+    if stiffest > allowed:
+        cure = f"lower Young's modulus from {stiffest:.3g} below {allowed:.3g} Pa or raise the substeps"
+    else:
+        cure = "lower the force or the start velocity, or raise Young's modulus of the softest part"
+    if reason == LEFT_GRID:
+        raise SimulationError(f"{place}: the particle left the grid near ({point}) m; {cure}, or give the grid more reach")
+    if reason == INVERTED:
+        raise SimulationError(f"{place}: the material turned inside out (det F <= 0) near ({point}) m; {cure}")
+    raise SimulationError(f"{place}: the state is no longer finite; {cure}")

@@ -1,0 +1,203 @@
+"""The one border between torch and Warp: a frame of the simulation as a differentiable torch function (paper A.10)."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..types import Grid, Particles
+from .laws import LAWS
+from .replay import Plan, Replay
+from .stability import max_young, raise_for_flag
+from .state import WIDTH, State
+
+AfterFrame = Callable[[State], State]
+
+
+class _Frame(torch.autograd.Function):
+    """Saves the state at the start of the frame and replays the frame in the backward pass."""
+
+    @staticmethod
+    def forward(ctx: Any, replay: Replay, data: Tensor, *values: Tensor) -> Tensor:
+        ctx.replay = replay
+        ctx.save_for_backward(data, *values)
+        return replay.forward(data, values)
+
+    @staticmethod
+    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
+        data, *values = ctx.saved_tensors
+        data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0])
+        return None, data_bar, *(bar.clone() for bar in inputs_bar.tensors())
+
+
+class Simulator:
+    """Explicit MLS-MPM of one body on one grid, differentiable frame by frame.
+
+    Every length is in the body frame. Scratch memory is about 96 bytes x particles x 2 sqrt(substeps) in float32, or
+    96 bytes x particles x substeps where that fits `memory_budget_mb`; a rollout adds 96 bytes x particles x frames.
+    """
+
+    def __init__(
+        self,
+        particles: Particles,
+        grid: Grid,
+        *,
+        substeps: int,
+        period_s: float,
+        gravity: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+        device: str = "cpu",
+        dtype: torch.dtype = torch.float32,
+        law: str = "neo_hookean",
+        memory_budget_mb: float = 256.0,
+    ):
+        """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS. Raises InputError."""
+        if law not in LAWS:
+            close = difflib.get_close_matches(law, LAWS, 1, 0.4)
+            raise InputError(f"law {law!r} is unknown; choose {close[0] if close else 'one of ' + ', '.join(LAWS)!r}")
+        if substeps < 1:
+            raise InputError(f"substeps is {substeps}, must be at least 1; choose it with substeps_per_frame")
+        self.particles, self.grid, self.substeps, self.period_s = particles, grid, int(substeps), float(period_s)
+        self.options: dict[str, Any] = {"dtype": dtype, "device": torch.device(device)}
+        self.x_rest = self.tensor(particles.x_rest)
+        self.volume = self.tensor(particles.volume)
+        self.density = self.tensor(particles.density)
+        self.gravity = self.tensor(np.asarray(gravity, float))
+        self._check_reach()
+        state_bytes = WIDTH * len(self.volume) * (torch.finfo(dtype).bits // 8)
+        plan = Plan.within(memory_budget_mb * 2**20, substeps=self.substeps, state_bytes=state_bytes)
+        self.replay = Replay(self.volume, float(particles.mass.mean()), grid, plan, period_s=self.period_s, law=law)
+
+    def tensor(self, values: np.ndarray | Tensor) -> Tensor:
+        """Values in the simulator's scalar type, on its device."""
+        return torch.as_tensor(values).to(**self.options).contiguous()
+
+    def rest(self, *, x: Tensor | None = None, v: Tensor | None = None, C: Tensor | None = None, F: Tensor | None = None) -> State:
+        """The body at rest and free of stress, with some of its parts exchanged; shapes as in State."""
+        zero = torch.zeros_like(self.x_rest)
+        unit = torch.eye(3, **self.options).expand(len(zero), 3, 3)
+        still = State.assemble(self.x_rest, zero, torch.zeros_like(unit), unit)
+        return still if x is v is C is F is None else still.replace(x=x, v=v, C=C, F=F)
+
+    def frame(
+        self,
+        state: State,
+        young: Tensor,
+        poisson: Tensor,
+        force: Tensor | None,
+        mass_damping: Tensor | float,
+        *,
+        density: Tensor | None = None,
+        number: int = 0,
+    ) -> State:
+        """The state one frame later; differentiable with respect to every tensor.
+
+        `young` [Pa], `poisson`, `density` [kg/m^3] (that of the particles where left out) have shape (P,) or (), `force`
+        is a density [N/m^3 of rest volume] of shape (P, 3), constant over the frame, `mass_damping` alpha [1/s] acts as
+        the force density -alpha rho v. `number` names the frame in errors. Raises SimulationError.
+        """
+        material = self._material(young, poisson, density)
+        return self._step(state, material, force, self._keep(mass_damping), number)
+
+    def rollout(
+        self,
+        state: State,
+        young: Tensor,
+        poisson: Tensor,
+        force: Tensor,
+        mass_damping: Tensor | float,
+        *,
+        density: Tensor | None = None,
+        after_frame: AfterFrame | None = None,
+        report: Callable[[float], None] | None = None,
+    ) -> State:
+        """States at all T frames, as one State of shape (T, P, 24); the first is `state`.
+
+        `force` has shape (T - 1, P, 3): force[k] acts between frames k and k + 1. `after_frame` maps the state at each
+        new frame (stiffness damping); `report` hears the share of frames done. Else as in `frame`.
+        """
+        material, keep = self._material(young, poisson, density), self._keep(mass_damping)
+        states = [state]
+        for k, density_of_force in enumerate(force):
+            after = self._step(states[-1], material, density_of_force, keep, k)
+            states.append(after_frame(after) if after_frame else after)
+            if report:
+                report((k + 1) / len(force))
+        return State(torch.stack([s.data for s in states]))
+
+    def settle(
+        self,
+        young: Tensor,
+        poisson: Tensor,
+        displacement_gradient: Tensor,
+        *,
+        frames: int = 3,
+        mass_damping: float = 25.0,
+        density: Tensor | None = None,
+    ) -> State:
+        """Frame 0 in static equilibrium under gravity: the particles at rest positions, prestressed, still.
+
+        `displacement_gradient` (P, 3, 3) is that of the static sag under gravity, so that rest positions are where
+        the body hangs, not where it would lie free of stress. A few heavily damped frames (`mass_damping` [1/s]) take
+        up what the lattice does otherwise; velocities end at zero. Measure displacements from the state returned.
+        """
+        state = self.rest(F=torch.eye(3, **self.options) + displacement_gradient)
+        for k in range(frames):
+            state = self.frame(state, young, poisson, None, mass_damping, density=density, number=k - frames)
+        return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))
+
+    def max_young(self) -> float:
+        """Largest Young's modulus [Pa] that the substeps carry at CFL 0.5, for the particles' Poisson's ratio and density."""
+        p = self.particles
+        return float(max_young(self.substeps, p.poisson, p.density, dx=self.grid.dx, period_s=self.period_s).min())
+
+    def scratch_bytes(self) -> int:
+        """Memory of the simulator itself once gradients were asked for [bytes]; a rollout adds 96 B x particles x frames."""
+        return self.replay.bytes()
+
+    def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """Lame's mu and lam [Pa] and density [kg/m^3], each (P,)."""
+        mu = young / (2 * (1 + poisson))
+        lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        values = mu, lam, self.density if density is None else density
+        return tuple(v.to(**self.options).expand_as(self.volume).contiguous() for v in values)  # type: ignore[return-value]
+
+    def _keep(self, mass_damping: Tensor | float) -> Tensor:
+        """Share of velocity that mass damping leaves after one substep, shape (1,)."""
+        alpha = torch.as_tensor(mass_damping).to(**self.options)
+        return torch.exp(-alpha * (self.period_s / self.substeps)).reshape(1)
+
+    def _step(self, state: State, material: tuple[Tensor, Tensor, Tensor], force: Tensor | None, keep: Tensor, number: int) -> State:
+        mu, lam, density = material
+        body = density[:, None] * self.gravity
+        body = body if force is None else body + force
+        data = _Frame.apply(self.replay, state.data.contiguous(), mu, lam, body.contiguous(), density * self.volume, keep)
+        self._check_flag(number, material)
+        return State(data)
+
+    def _check_flag(self, number: int, material: tuple[Tensor, Tensor, Tensor]) -> None:
+        code = self.replay.raised()
+        if code is None:
+            return
+        mu, lam, _ = (m.detach() for m in material)
+        count = len(self.volume)
+        raise_for_flag(
+            code,
+            particles=count,
+            frame=number,
+            substeps=self.substeps,
+            where=self.replay.position(code // 4 % count),
+            stiffest=float((mu * (3 * lam + 2 * mu) / (lam + mu)).max()),
+            allowed=self.max_young(),
+        )
+
+    def _check_reach(self) -> None:
+        cells = (self.particles.x_rest - self.grid.origin) / self.grid.dx
+        high = np.asarray(self.grid.size) - 1.5
+        if not np.all((cells >= 0.5) & (cells < high)):
+            raise InputError("grid: particles lie closer than half a cell to its border; fit the grid with a larger reach")
