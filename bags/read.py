@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from diffphys_ros.bags.assemble import assemble
-from diffphys_ros.bags.camera import camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
+from diffphys_ros.bags.camera import Edges, camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
 from diffphys_ros.bags.decode import decode_compressed, decode_image
 from diffphys_ros.bags.storage import Bag, open_bag
-from diffphys_ros.bags.topics import COMPRESSED, choose_topics
+from diffphys_ros.bags.topics import choose_topics
 from diffphys_ros.bags.video import read_images, read_video
 from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError
@@ -49,36 +49,45 @@ def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
             frame_id = frame_id or message.header.frame_id
         if not stamp:
             unstamped.append(topic)
-        stamped[topic].append((stamp or log_ns, _decoded(message, bag.types[topic], source, topic)))
+        stamped[topic].append((stamp or log_ns, decoded(message, source, topic)))
     for topic, wanted in ((image_topic, 3), (depth_topic, 2)):
         if topic and stamped[topic][0][1].ndim != wanted:
             setting, what = ("image", "colour") if wanted == 3 else ("depth", "depth (16UC1 in mm or 32FC1 in m)")
             raise InputError(f"{source}: topic {topic} holds no {what} images; name another with topics.{setting}")
     notes = [f"images of {', '.join(sorted(set(unstamped)))} carry no stamp; the times of recording are used"] if unstamped else []
     height, width = stamped[image_topic][0][1].shape[:2]
-    camera, undistort, found = _read_camera(bag, info_topic, settings, (width, height, frame_id), image_topic, source)
+    info = bag.first(info_topic) if info_topic else None
+    view = (width, height, frame_id)
+    camera, undistort, found = seen_through(info, _static_transforms(bag), settings, view, source, image_topic=image_topic, info_topic=info_topic)
     if undistort:
         stamped = {topic: [(stamp, undistort(image)) for stamp, image in images] for topic, images in stamped.items()}
     return assemble(stamped[image_topic], stamped[depth_topic or ""], camera, source, notes=notes + found)
 
 
-def _decoded(message: Any, kind: str, source: str, topic: str) -> np.ndarray:
+def decoded(message: Any, source: str, topic: str) -> np.ndarray:
+    """RGB (H, W, 3) uint8 or depth [m] (H, W) float32 of a sensor_msgs/Image or CompressedImage. Raises InputError, naming the topic."""
     try:
-        if kind == COMPRESSED:
+        if hasattr(message, "format"):
             return decode_compressed(message.format, message.data)
         return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
     except InputError as error:
         raise InputError(f"{source}: topic {topic}: {error}") from error
 
 
-def _read_camera(
-    bag: Bag, info_topic: str | None, settings: Settings, view: tuple[int, int, str], image_topic: str, source: str
+def seen_through(
+    info: Any, edges: Edges, settings: Settings, view: tuple[int, int, str], source: str, *, image_topic: str, info_topic: str | None
 ) -> tuple[Camera, Callable[[np.ndarray], np.ndarray] | None, list[str]]:
-    """The camera, what removes its distortion (or None), and notes."""
+    """The camera of a recording or of live topics, what removes its distortion (or None), and notes.
+
+    Args:
+        info: sensor_msgs/CameraInfo or None. edges: static transforms, see `pose_in_root`.
+        view: width, height [px] and frame of the images.
+
+    Raises InputError for a camera_info that is missing (without camera.fov_deg), unusable or for other images.
+    """
     width, height, frame_id = view
-    info = bag.first(info_topic) if info_topic else None
     frame_id = frame_id or (info.header.frame_id if info else "") or "camera_optical_frame"
-    pose, root = pose_in_root(_static_transforms(bag), frame_id)
+    pose, root = pose_in_root(edges, frame_id)
     fov = settings.camera.fov_deg
     if info is None or (info.k[0] == 0 and fov):
         if fov is None:
@@ -102,9 +111,11 @@ def _read_camera(
 
 
 def _static_transforms(bag: Bag) -> dict[str, tuple[str, np.ndarray]]:
-    edges = {}
-    for _, _, message in bag.messages([TF_STATIC]):
-        for link in message.transforms:
-            t, r = link.transform.translation, link.transform.rotation
-            edges[link.child_frame_id] = (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
-    return edges
+    links = [link for _, _, message in bag.messages([TF_STATIC]) for link in message.transforms]
+    return dict(edge(link) for link in links)
+
+
+def edge(link: Any) -> tuple[str, tuple[str, np.ndarray]]:
+    """Child frame, (parent frame, parent_from_child (4, 4) [m]) of a geometry_msgs/TransformStamped."""
+    t, r = link.transform.translation, link.transform.rotation
+    return link.child_frame_id, (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
