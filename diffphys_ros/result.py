@@ -92,11 +92,11 @@ def write_all(
     needs is not installed.
     """
     save(recovery, clip, settings, folder)
-    folder, left_out = Path(folder), []
+    left_out = []
     for name, write in _exports(recovery, clip, settings, splats):
         report(name)
         try:
-            store.write_whole(folder / name, write)
+            write(Path(folder) / name)
         except ModuleNotFoundError as error:
             if (error.name or "").split(".")[0] == "diffphys_ros":
                 raise
@@ -157,12 +157,12 @@ def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: 
     def rerun_file(path: Path) -> object:
         from .report.rerun_log import write_rrd
 
-        return write_rrd(path, recovery, clip, splats=splats)
+        return store.write_whole(path, lambda temporary: write_rrd(temporary, recovery, clip, splats=splats))
 
     def figure(path: Path) -> object:
         from .report.figure import summary
 
-        return summary(path, recovery, clip)
+        return store.write_whole(path, lambda temporary: summary(temporary, recovery, clip))
 
     return iter(((RECORDING, recording), (RERUN, rerun_file), (FIGURE, figure)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,32 @@ def test_an_npz_that_misses_an_array_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "recovery.npz", points=np.zeros((1, 3)))
     with pytest.raises(InputError, match="is missing; recover the clip again"):
         result.load(tmp_path)
+
+
+def test_every_file_of_the_folder_is_written(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    told: list[str] = []
+    left_out = result.write_all(made_recovery, made_clip, config.Settings(), tmp_path, report=told.append)
+    files = {result.RECOVERY, result.METRICS, result.RECORDING, result.RERUN, result.FIGURE}
+    missing = {sentence.split()[0] for sentence in left_out}
+    assert {path.name for path in tmp_path.iterdir()} == files - missing
+    assert set(told) == files - {result.RECOVERY, result.METRICS}
+
+
+def test_without_matplotlib_the_figure_is_left_out_and_said_so(
+    tmp_path: Path, made_recovery: Recovery, made_clip: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "diffphys_ros.report.figure", raising=False)
+    left_out = result.write_all(made_recovery, made_clip, config.Settings(), tmp_path)
+    assert any(sentence.startswith("summary.png was left out because the package 'matplotlib") for sentence in left_out)
+    assert (tmp_path / result.RECOVERY).exists()
+    assert not (tmp_path / result.FIGURE).exists()
+
+
+def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")
+    result.write_all(made_recovery, made_clip, config.Settings(), tmp_path)
+    played = reader.read_ros2_messages(str(tmp_path / result.RECORDING), topics=["/fit_node/net_force"])
+    force = [[m.ros_msg.wrench.force.x, m.ros_msg.wrench.force.y, m.ros_msg.wrench.force.z] for m in played]
+    np.testing.assert_allclose(force, made_recovery.net_force(), rtol=1e-5, atol=1e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +20,7 @@ WIDTH_IN, PANELS_IN = 13.0, 4.0  # of the figure; height of the lower panels
 HIGHEST_IN = 3.2  # of one row of images
 MARGIN_PX = 12  # around the object's path through the image
 ACTIVE_SHARE = 0.05  # frames above this share of the peak net force are shaded
-_STYLE = {"fontsize": 9, "color": "#333333"}
+_STYLE: dict[str, Any] = {"fontsize": 9, "color": "#333333"}
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ def summary(path: str | Path, recovery: Recovery, clip: Clip, *, truth: Truth | 
     window = _window(recovery, clip)
     above = _frames_height(recovery, clip.frames[0][window].shape)
     figure = Figure(figsize=(WIDTH_IN, above + PANELS_IN), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[above, PANELS_IN], hspace=0.03)
+    (top,), (bottom,) = figure.subfigures(2, 1, height_ratios=[above, PANELS_IN], hspace=0.03, squeeze=False)
     _draw_frames(top, recovery, clip, window)
     material, force = bottom.subplots(1, 2, width_ratios=[1, 1.25])
     _draw_material(material, recovery, clip, truth)
@@ -109,12 +110,11 @@ def _draw_material(axes: Axes, recovery: Recovery, clip: Clip, truth: Truth | No
     order = np.argsort(-depth)
     young = np.where(recovery.identified[recovery.part - 1], recovery.young, np.nan)
     low, high = stiffness_range(young)
-    colours = ListedColormap(ramp(np.linspace(0, 1, 256)) / 255.0).with_extremes(bad=ramp(np.array(np.nan)) / 255.0)
-    dots = axes.scatter(
-        *pixels[order].T, c=np.log10(young[order]), cmap=colours, vmin=low, vmax=high, s=18, linewidths=0, plotnonfinite=True
-    )
+    colours = ListedColormap(ramp(np.linspace(0, 1, 256)) / 255.0).with_extremes(bad=tuple(ramp(np.array(np.nan)) / 255.0))
+    x, y = pixels[order].T
+    dots = axes.scatter(x, y, c=np.log10(young[order]), cmap=colours, vmin=low, vmax=high, s=18, linewidths=0, plotnonfinite=True)
     held = recovery.clamped
-    axes.scatter(*pixels[held].T, s=22, facecolors="none", edgecolors="#111111", linewidths=0.7)
+    axes.scatter(pixels[held, 0], pixels[held, 1], s=22, facecolors="none", edgecolors="#111111", linewidths=0.7)
     axes.set_aspect("equal")
     axes.invert_yaxis()
     axes.axis("off")

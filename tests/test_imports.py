@@ -1,0 +1,142 @@
+"""The import rule of docs/architecture.md: who may import whom, and one door per third party."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import diffphys_ros
+
+PACKAGE = Path(diffphys_ros.__file__).parent
+
+GROUND = {"errors", "types", "config"}
+SHARED = {"local_plane"}  # geometry that several stages of the front end need; imports the ground alone
+STAGES = {"segment", "depth", "tracks", "particles", "modes", "splats", "fields", "simulate", "render", "losses"}
+LEAVES = {"bags", "msg_schemas"}
+OUTPUT = {"store", "result", "report", "score"}
+
+# room -> rooms that it may import beside itself
+MAY_IMPORT: dict[str, set[str]] = {
+    "errors": set(),
+    "types": set(),
+    "config": {"errors"},
+    "store": {"errors"},
+    **{room: GROUND for room in SHARED},
+    **{stage: GROUND | SHARED for stage in STAGES},
+    "splats": GROUND | SHARED | {"render", "losses"},
+    **{leaf: GROUND for leaf in LEAVES},
+    "recover": GROUND | SHARED | STAGES | LEAVES | {"store"},
+    "result": GROUND | STAGES | LEAVES | {"store", "recover", "report"},
+    "report": GROUND,
+    "score": GROUND | {"store", "result"},
+    "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
+    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
+    "__init__": GROUND,
+}
+
+# third party -> places that may import it: a room, or one file of it
+DOORS: dict[str, set[str]] = {
+    "warp": {"simulate", "render"},
+    "skfem": {"modes/elements.py", "modes/mesh.py"},
+    "cv2": {"segment", "tracks", "particles", "depth", "bags"},
+    "rclpy": {"nodes"},
+    "mcap": {"bags"},
+    "mcap_ros2": {"bags"},
+    "rosbags": {"bags"},
+    "rerun": {"report/rerun_log.py"},
+    "matplotlib": {"report/figure.py"},
+    "mujoco": {"bags/maker"},
+}
+
+SOLVER = ("fields", "simulate", "render", "losses", "recover", "result", "modes")
+FRONT_END_ONLY = ("rclpy", "mcap", "mcap_ros2", "rosbags", "rerun", "cv2", "skfem", "matplotlib")
+NOT_FOR_THE_SOLVER = ("modes.elements", "modes.mesh")
+
+
+def sources() -> list[Path]:
+    """Every source file of the library, with nodes, bags and msg_schemas reached through their links."""
+    return sorted(path for room in (PACKAGE, *(p for p in PACKAGE.iterdir() if p.is_dir())) for path in _python_files(room))
+
+
+def _python_files(folder: Path) -> Iterator[Path]:
+    return (p for p in (folder.glob("*.py") if folder == PACKAGE else folder.rglob("*.py")) if "__pycache__" not in p.parts)
+
+
+def room_of(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+def imported(path: Path, package: Path = PACKAGE) -> Iterator[str]:
+    """Absolute dotted names that a file imports; leaves out what only type checkers read."""
+    here = ["diffphys_ros", *path.relative_to(package).with_suffix("").parts]
+    for node in _nodes(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join([*here[: len(here) - node.level], *([node.module] if node.module else [])]) if node.level else str(node.module)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _nodes(node: ast.AST) -> Iterator[ast.AST]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        yield child
+        yield from _nodes(child)
+
+
+def rooms_imported(path: Path) -> set[str]:
+    known = {room_of(source) for source in sources()}
+    names = [name.split(".") for name in imported(path)]
+    return {parts[1] for parts in names if parts[0] == "diffphys_ros" and len(parts) > 1 and parts[1] in known}
+
+
+@pytest.mark.parametrize("path", sources(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_down_only(path: Path) -> None:
+    room = room_of(path)
+    assert room in MAY_IMPORT, f"{room} is not in the table of rooms; add it to docs/architecture.md and here"
+    wrong = rooms_imported(path) - MAY_IMPORT[room] - {room}
+    assert not wrong, f"{path.relative_to(PACKAGE)} must not import {', '.join(sorted(wrong))}"
+
+
+@pytest.mark.parametrize("party", DOORS)
+def test_each_third_party_has_one_door(party: str) -> None:
+    wrong = [
+        str(path.relative_to(PACKAGE))
+        for path in sources()
+        if party in {name.split(".")[0] for name in imported(path)}
+        and not any(path.relative_to(PACKAGE).is_relative_to(door) for door in DOORS[party])
+    ]
+    assert not wrong, f"{party} is imported outside {', '.join(sorted(DOORS[party]))}"
+
+
+def test_the_reader_of_imports_sees_relative_late_and_aliased_ones(tmp_path: Path) -> None:
+    path = tmp_path / "report" / "made_up.py"
+    path.parent.mkdir()
+    path.write_text("import cv2 as c\nfrom .. import config\nfrom ..modes.model import M\ndef f():\n    from rclpy.node import Node\n")
+    assert {"cv2", "diffphys_ros.config", "diffphys_ros.modes.model", "rclpy.node"} <= set(imported(path, tmp_path))
+
+
+def solver_modules() -> list[str]:
+    names = (path.relative_to(PACKAGE).with_suffix("") for path in sources() if room_of(path) in SOLVER)
+    dotted = (".".join(part for part in name.parts if part != "__init__") for name in names)
+    return sorted(f"diffphys_ros.{name}" for name in dotted if name not in NOT_FOR_THE_SOLVER)
+
+
+def test_the_solver_imports_on_a_machine_without_ros_images_and_plots() -> None:
+    program = f"""
+import importlib, sys
+for name in {FRONT_END_ONLY!r}:
+    sys.modules[name] = None
+for name in {solver_modules()!r}:
+    importlib.import_module(name)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=PACKAGE.parent)
+    assert done.returncode == 0, done.stderr
