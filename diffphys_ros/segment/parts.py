@@ -4,9 +4,31 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a share of the root of the object's area
+LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness
+LEAST_SEPARATION = 2.5  # the same distance against the spread inside the two parts
+LEAST_SHARE = 0.015  # of the object that a part must cover
+LEAST_CONNECTED = 0.75  # of a colour's pixels that must be one piece
+MEDIUM_LIGHTNESS = 60.0
+REFINEMENTS = 4
 
 
 def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.ndarray:
+    """Part numbers 1..n in no special order, 0 off the mask, uint8 (H, W), from an RGB frame (H, W, 3).
+
+    Colours are chroma over lightness (shading cancels) after a median that removes spots and lines. The largest number of
+    clusters (k-means) is taken whose colours lie apart against their spread and of which each is essentially one connected piece; then
+    edges are drawn again from the parts' full colour distributions, and every stray island joins its surroundings.
+    """
+    if not mask.any():
+        return np.zeros(mask.shape, np.uint8)
+    colour = texture_free_chroma(frame, mask)
+    for count in range(min(max_parts, 8), 1, -1):
+        parts = _clustered(colour, mask, count)
+        if parts is not None:
+            return one_piece_each(_redrawn(frame, mask, parts))
     return mask.astype(np.uint8)
 
 
@@ -17,6 +39,74 @@ def numbered(parts: np.ndarray, clamp_pixel: np.ndarray | None) -> np.ndarray:
     table = np.zeros(256, np.uint8)
     table[order] = np.arange(1, len(order) + 1)
     return table[parts]
+
+
+def texture_free_chroma(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Chroma at medium lightness of the surface under the texture, float32 (H, W, 2)."""
+    lab = cv2.cvtColor(frame.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    chroma = lab[..., 1:] * (MEDIUM_LIGHTNESS / (lab[..., :1] + 10))
+    index = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    inside = np.clip(chroma[tuple(index)] + 128, 0, 255).astype(np.uint8)
+    side = max(5, 2 * int(WINDOW_SHARE * np.sqrt(mask.sum()) / 2) + 1)
+    return np.stack([cv2.medianBlur(np.ascontiguousarray(inside[..., i]), side) for i in (0, 1)], -1).astype(np.float32) - 128
+
+
+def one_piece_each(parts: np.ndarray) -> np.ndarray:
+    """Parts reduced to their largest connected pieces; what was cut off joins the part that it touches nearest."""
+    kept = np.zeros_like(parts)
+    for part in np.setdiff1d(np.unique(parts), 0):
+        _, regions, stats, _ = cv2.connectedComponentsWithStats((parts == part).astype(np.uint8), connectivity=4)
+        kept[regions == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])] = part
+    index = distance_transform_edt(kept == 0, return_distances=False, return_indices=True)
+    return np.where(parts > 0, kept[tuple(index)], 0).astype(np.uint8)
+
+
+def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray | None:
+    """Label image of `count` colour clusters, or None where they are no parts."""
+    values = colour[mask]
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 0.05)
+    cv2.setRNGSeed(0)
+    _, index, centres = cv2.kmeans(values, count, None, criteria, 8, cv2.KMEANS_PP_CENTERS)
+    parts = np.zeros(mask.shape, np.uint8)
+    parts[mask] = index[:, 0] + 1
+    return parts if _apart(values, index[:, 0], centres) and all(_is_piece(parts == k + 1, mask) for k in range(count)) else None
+
+
+def _apart(values: np.ndarray, index: np.ndarray, centres: np.ndarray) -> bool:
+    spread = [float(np.median(np.linalg.norm(values[index == k] - centres[k], axis=1))) for k in range(len(centres))]
+    for i in range(len(centres)):
+        for j in range(i):
+            distance = float(np.linalg.norm(centres[i] - centres[j]))
+            if distance < max(LEAST_DISTANCE, LEAST_SEPARATION * (spread[i] + spread[j])):
+                return False
+    return True
+
+
+def _is_piece(region: np.ndarray, mask: np.ndarray) -> bool:
+    count, _, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
+    if count < 2:
+        return False
+    area = stats[1:, cv2.CC_STAT_AREA]
+    return bool(area.max() > LEAST_CONNECTED * area.sum() and area.sum() > LEAST_SHARE * mask.sum())
+
+
+def _redrawn(frame: np.ndarray, mask: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Every pixel given to the part whose colour histogram explains its small neighbourhood best."""
+    lab = cv2.cvtColor(frame, cv2.COLOR_RGB2LAB)
+    bins = (lab[..., 0] // 32).astype(int) * 1024 + (lab[..., 1] // 8).astype(int) * 32 + lab[..., 2] // 8
+    count = int(parts.max())
+    near = cv2.dilate((cv2.morphologyEx(parts, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0).astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
+    for _ in range(REFINEMENTS):
+        score = np.stack([_evidence(bins, mask, parts == k + 1) for k in range(count)])
+        parts = np.where(mask, np.where(near, 1 + np.argmax(score, 0), parts), 0).astype(np.uint8)
+    return parts
+
+
+def _evidence(bins: np.ndarray, mask: np.ndarray, region: np.ndarray) -> np.ndarray:
+    histogram = np.bincount(bins[region], minlength=8 * 1024).astype(float).reshape(8, 32, 32)
+    histogram = np.stack([cv2.GaussianBlur(layer, (0, 0), 1.0) for layer in histogram]).ravel() + 0.02
+    likelihood = np.where(mask, np.log(histogram / histogram.sum())[bins], 0.0)
+    return cv2.GaussianBlur(likelihood, (0, 0), 1.5) / np.maximum(cv2.GaussianBlur(mask.astype(float), (0, 0), 1.5), 1e-3)
 
 
 def _rank(region: np.ndarray, clamp_pixel: np.ndarray | None) -> float:

@@ -19,7 +19,7 @@ def displacement_noise(points: np.ndarray, valid: np.ndarray) -> float:
     rank = min(RANK, min(matrix.shape) // 3)
     if rank < 1:
         return 0.0
-    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    u, s, _ = np.linalg.svd(matrix, full_matrices=False)
     share = max((1 - rank / matrix.shape[0]) * (1 - rank / matrix.shape[1]), 1e-3)
     independent = (s[rank:] ** 2).sum() / (matrix.size * share)
     return float(np.sqrt(independent + _rough_part(u[:, :rank] * s[:rank], matrix.shape[1])))
