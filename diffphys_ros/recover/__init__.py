@@ -1,0 +1,50 @@
+"""The whole job: the only room that sees every stage. The loop reads like the paper's equation 3."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+
+from ..config import Settings
+from ..types import Clip, Recovery, Splats
+from .checkpoint import Checkpoint
+from .prepare import Prepared, label, prepare
+from .progress import Progress
+from .solve import pick_device, solve
+
+__all__ = ["Checkpoint", "Prepared", "Progress", "fit_gaussians", "label", "prepare", "run", "solve", "solve_prepared"]
+
+Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
+
+
+def run(source: Clip | str | Path, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
+    """Clip, or the path of a recording, in; fields out. Yields news, returns (Prepared, Splats, Recovery)."""
+    if not isinstance(source, Clip):
+        from ..bags.read import read_clip
+
+        yield Progress("reading", text=str(source))
+        source = read_clip(source, settings)
+    prepared = yield from prepare(source, settings)
+    return (yield from solve_prepared(prepared, settings, checkpoint=checkpoint))
+
+
+def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
+    """The part of the job that needs only torch, numpy, scipy and Warp."""
+    splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
+    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
+    return prepared, splats, recovery
+
+
+def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
+    """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]."""
+    from ..splats import fit_splats
+
+    assert clip.labels is not None
+    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=pick_device(settings))
+    while True:
+        try:
+            iteration, iterations, loss = next(steps)
+        except StopIteration as stop:
+            yield Progress("splats", text=f"{len(stop.value.mean)} Gaussians", artefact=stop.value)
+            return stop.value
+        yield Progress("splats", iteration, iterations, loss)

@@ -1,0 +1,125 @@
+"""From the end of a search to the Recovery: fields on the body's own particles, world frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fields import Layout, footprint_weights
+from ..losses import psnr_masked, ssim_masked
+from ..types import Particles, Recovery
+from .curvature import linear_coordinates
+from .forward import Discretisation
+from .images import Renderer, object_mask
+from .objective import Terms
+from .prepare import Prepared
+
+GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
+
+
+@dataclass(frozen=True)
+class Core:
+    """Physics and motion, body frame, on all particles."""
+
+    young: np.ndarray  # per part, corrected [Pa], (n,)
+    displacement: np.ndarray  # from frame 0 [m], (T, P, 3)
+    F: np.ndarray  # since frame 0, (T, P, 3, 3)
+    force: np.ndarray  # amplitude [N/m^3], (T, 3)
+    velocity0: np.ndarray  # [m/s], (P, 3)
+    mass_damping: float  # [1/s]
+    stiffness_damping: float  # [s]
+    refined: bool
+
+
+def simulated_answer(disc: Discretisation, layout: Layout, terms: Terms) -> Core:
+    """The refined unknowns and the simulated motion."""
+    motion = terms.motion
+    assert motion is not None
+    unknowns = motion.unknowns
+
+    def array(tensor) -> np.ndarray:  # type: ignore[no-untyped-def]
+        return tensor.detach().double().cpu().numpy()
+
+    return Core(
+        array(unknowns.young) * disc.apparent,
+        array(motion.displacement),
+        array(motion.F),
+        array(unknowns.force),
+        array(motion.start.v),
+        float(unknowns.mass_damping),
+        float(unknowns.stiffness_damping),
+        refined=True,
+    )
+
+
+def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
+    """The start values and their linear motion."""
+    start = prepared.start
+    q = linear_coordinates(prepared)
+    displacement = np.einsum("pcr,tr->tpc", disc.basis, q - q[:1])
+    F = np.eye(3) + np.einsum("pijr,tr->tpij", disc.basis_gradient, q - q[:1])
+    velocity0 = disc.basis @ start.initial_velocity
+    return Core(start.young, displacement, F, start.force, velocity0, start.mass_damping, start.stiffness_damping, refined=False)
+
+
+def assemble(
+    prepared: Prepared, disc: Discretisation, core: Core, renderer: Renderer | None, *, substeps: int, metrics: dict[str, object]
+) -> Recovery:
+    """The Recovery with rendered frames and image metrics."""
+    body, start, p, own = prepared.body, prepared.start, disc.particles, disc.particles.own
+    weight = footprint_weights(start.force_family, p.x_rest[own], start.footprint)
+    force = body.rotate_to_world(core.force)[:, None] * weight[None, :, None]
+    trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own])
+    frames = None if renderer is None else renderer.clip(p.x_rest + core.displacement, core.F)
+    part = p.part[own] - 1
+    sd = np.hypot(start.log10_young_sd, GRID_SCATTER if core.refined else 0.0)
+    return Recovery(
+        points=body.to_world(p.x_rest[own]),
+        volume=p.volume[own],
+        part=p.part[own],
+        young=core.young[part],
+        young_solver=core.young[part] / disc.apparent,
+        log10_young_sd=sd[part],
+        poisson=p.poisson[own],
+        density=p.density[own],
+        force=force.astype(np.float32),
+        trajectory=trajectory.astype(np.float32),
+        clamped=_held(p, body.clamped)[own],
+        frames=frames,
+        grid=disc.grid,
+        substeps=substeps,
+        mass_damping=core.mass_damping,
+        stiffness_damping=core.stiffness_damping,
+        initial_velocity=body.rotate_to_world(core.velocity0[own]),
+        identified=start.identified,
+        reasons=start.reasons,
+        metrics=metrics | image_metrics(prepared, frames),
+        notes=notes(prepared),
+    )
+
+
+def _held(particles: Particles, clamped: bool) -> np.ndarray:
+    """Particles on or behind the clamped face x = 0; what a force does to them goes into the support."""
+    return (particles.x_rest[:, 0] <= 0.0) & clamped
+
+
+def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, object]:
+    """Masked PSNR and SSIM over the run's own object mask of each frame, beside the frozen first frame's."""
+    clip = prepared.clip
+    if frames is None or clip.labels is None:
+        return {}
+    mask = object_mask(clip.labels)
+    pairs = [(k, mask[k]) for k in np.flatnonzero(clip.seen) if mask[k].any()]
+    return {
+        "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
+        "psnr_masked_frozen_frame": float(np.mean([psnr_masked(clip.frames[0], clip.frames[k], m) for k, m in pairs if k > 0])),
+        "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
+        "ssim_masked_frozen_frame": float(np.mean([ssim_masked(clip.frames[0], clip.frames[k], m) for k, m in pairs if k > 0])),
+    }
+
+
+def notes(prepared: Prepared) -> tuple[str, ...]:
+    """What was assumed, one sentence each."""
+    said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
+    return (*prepared.clip.notes, f"depth: {prepared.depth_source}", *said)

@@ -1,0 +1,66 @@
+"""The Hessian of the track term by the linear modal model: what makes the first step of the search a good one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fields import Layout, footprint_weights
+from ..types import Body, Camera
+from .observations import TrackTarget
+from .prepare import Prepared
+
+
+def track_hessian(prepared: Prepared, layout: Layout, target: TrackTarget, *, initial_modes: int) -> np.ndarray:
+    """Gauss-Newton Hessian (size, size) of TrackTarget.loss with respect to z at the start values."""
+    jacobian = _jacobian(prepared, layout, target, initial_modes) * layout.scale()
+    if target.camera_from_body is not None:
+        jacobian = _across_the_line_of_sight(jacobian, target, prepared.body, prepared.clip.camera)
+    weight = target.weight.cpu().double().numpy()
+    return np.einsum("tm,tmcs,tmcr->sr", weight, jacobian, jacobian, optimize=True) / (weight.sum() * target.mean_square)
+
+
+def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_modes: int) -> np.ndarray:
+    start, modal = prepared.start, prepared.modal
+    jacobian = modal.track_jacobian(
+        target.points0.cpu().double().numpy(),
+        start.young,
+        mass_damping=start.mass_damping,
+        stiffness_damping=start.stiffness_damping,
+        footprint=modal.footprint_load(lambda x: footprint_weights(start.force_family, x, start.footprint)),
+        force=start.force,
+        frames=layout.forced,
+        period_s=prepared.clip.period_s,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+        initial_modes=initial_modes,
+    )
+    return jacobian - jacobian[:1]
+
+
+def _across_the_line_of_sight(jacobian: np.ndarray, target: TrackTarget, body: Body, camera: Camera) -> np.ndarray:
+    """Without depth only motion across the rays is compared."""
+    rays = target.points0.cpu().double().numpy() - body.to_body(camera.position)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    along = np.einsum("mc,tmcs->tms", rays, jacobian)
+    return jacobian - rays[None, :, :, None] * along[:, :, None]
+
+
+def linear_coordinates(prepared: Prepared) -> np.ndarray:
+    """Modal coordinates (T, r) of the start values' linear motion."""
+    start, modal = prepared.start, prepared.modal
+    load = modal.footprint_load(lambda x: footprint_weights(start.force_family, x, start.footprint))
+    return modal.respond(
+        start.young,
+        mass_damping=start.mass_damping,
+        stiffness_damping=start.stiffness_damping,
+        load=start.force @ load.T,
+        period_s=prepared.clip.period_s,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+    )
+
+
+def linear_displacement(prepared: Prepared, points: np.ndarray) -> np.ndarray:
+    """Displacements (T, M, 3) [m, body frame] from frame 0 of body points (M, 3), by the start values' linear motion."""
+    q = linear_coordinates(prepared)
+    return np.einsum("mcr,tr->tmc", prepared.modal.evaluate(points)[0], q - q[:1])

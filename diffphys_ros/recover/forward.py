@@ -1,0 +1,133 @@
+"""The simulated half of the paper's equation 3: unknowns in, motion of the particles out, differentiable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..fields import Layout, Unknowns, footprint_weights
+from ..modes import apparent_stiffness
+from ..particles import fill, fit_grid
+from ..simulate import ModalDamping, Simulator, State, substeps_per_frame
+from ..types import Grid, Particles
+from .plan import Plan
+from .prepare import Prepared
+
+REACH = 1.6  # room in the grid, as a multiple of the largest displacement seen in the tracks
+DAMPED_MODES = 6  # that stiffness-proportional damping acts on
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated clip, body frame."""
+
+    x: torch.Tensor  # positions [m], (T, P, 3)
+    F: torch.Tensor  # deformation gradients since frame 0, (T, P, 3, 3)
+    unknowns: Unknowns
+    start: State  # frame 0
+
+    @property
+    def displacement(self) -> torch.Tensor:
+        """From frame 0 [m], (T, P, 3)."""
+        return self.x - self.x[:1]
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """The body on one grid: all that does not change while a fit runs, except the number of substeps."""
+
+    particles: Particles
+    grid: Grid
+    apparent: float  # E_apparent / E of this lattice on this body; E_true = E_solver * apparent
+    basis: np.ndarray  # modal basis at the particles, 0 at ghosts, (P, 3, r)
+    basis_gradient: np.ndarray  # [1/m], (P, 3, 3, r)
+    sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
+
+
+def discretise(prepared: Prepared, plan: Plan) -> Discretisation:
+    """Particles and grid of a plan, and the lattice's apparent stiffness on this very body."""
+    body, modal, young = prepared.body, prepared.modal, prepared.start.young
+    particles = fill(body, plan.dx, plan.per_cell)
+    reach = REACH * _largest_motion(prepared) + 0.5 * plan.dx
+    grid = fit_grid(particles, dx=plan.dx, reach_m=reach, clamped=body.clamped)
+    value, gradient = modal.evaluate(particles.x_rest)
+    value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
+    sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
+    apparent = apparent_stiffness(particles, grid, body, young, modal) if body.clamped else 1.0
+    return Discretisation(particles, grid, apparent, value, gradient, sag)
+
+
+def _largest_motion(prepared: Prepared) -> float:
+    tracks = prepared.tracks
+    moved = np.linalg.norm(tracks.points - tracks.points[:1], axis=-1)[tracks.valid]
+    return float(np.quantile(moved, 0.999))
+
+
+class ForwardModel:
+    """Unknowns z -> Motion, at a number of substeps that is frozen until E passes what it carries."""
+
+    def __init__(self, prepared: Prepared, disc: Discretisation, layout: Layout, *, device: str, dtype: torch.dtype = torch.float32):
+        self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
+        self._simulator: Simulator | None = None
+        self.capture(layout.young)
+        tensor = self.simulator.tensor
+        p, start = disc.particles, prepared.start
+        weights = footprint_weights(start.force_family, p.x_rest, start.footprint) * ~p.ghost
+        self.weights, self.poisson = tensor(weights), tensor(p.poisson)
+        self.part = torch.as_tensor(p.part - 1, device=device)
+        self.basis, self.basis_gradient = tensor(disc.basis), tensor(disc.basis_gradient)
+
+    def capture(self, young: np.ndarray) -> None:
+        """Lay out the substeps anew for moduli (n,) [Pa]."""
+        body, clip = self.prepared.body, self.prepared.clip
+        substeps = substeps_per_frame(young, body.poisson, body.density, dx=self.disc.grid.dx, period_s=clip.period_s)
+        self.simulator = Simulator(
+            self.disc.particles, self.disc.grid, substeps=substeps, period_s=clip.period_s, gravity=body.gravity, device=self.device, dtype=self.dtype
+        )
+        self.damping = self._modal_damping()
+
+    def ensure_substeps(self, z: np.ndarray) -> bool:
+        """Capture again where z's stiffest E has passed what the substeps carry; whether that happened."""
+        young = self.layout.young_of(z)
+        if young.max() <= self.simulator.max_young():
+            return False
+        self.capture(young)
+        return True
+
+    def __call__(self, z: torch.Tensor, report: Callable[[float], None] | None = None) -> Motion:
+        """Motion under the unknowns z (size,); differentiable. Raises SimulationError."""
+        unknowns = self.layout.unpack(z, modes=self.basis.shape[2])
+        young = unknowns.young[self.part]
+        start = self._start(unknowns, young)
+        force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
+        states = self.simulator.rollout(
+            start,
+            young,
+            self.poisson,
+            force,
+            unknowns.mass_damping,
+            after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
+            report=report,
+        )
+        since0 = states.F @ torch.linalg.inv(start.F)[None]
+        return Motion(states.x, since0, unknowns, start)
+
+    def _start(self, unknowns: Unknowns, young: torch.Tensor) -> State:
+        """Frame 0: settled under gravity, then the recovered initial motion on top."""
+        state = self.simulator.rest()
+        if self.disc.sag_gradient is not None:
+            state = self.simulator.settle(young, self.poisson, self.simulator.tensor(self.disc.sag_gradient))
+        if not self.layout.motion_unit.size:
+            return state
+        strain = self.basis_gradient @ unknowns.initial_displacement
+        F = state.F + strain @ state.F
+        return state.replace(v=self.basis @ unknowns.initial_velocity, C=self.basis_gradient @ unknowns.initial_velocity, F=F)
+
+    def _modal_damping(self) -> ModalDamping:
+        young = self.prepared.start.young
+        omega2, shapes = self.prepared.modal.eigen(young)
+        shapes, omega = shapes[:, :DAMPED_MODES], np.sqrt(np.maximum(omega2[:DAMPED_MODES], 0.0))
+        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega)

@@ -1,0 +1,132 @@
+"""The rendered half of the paper's equation 3, and how far the rendered frames are from the video."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt
+
+from ..losses import depth_loss, image_loss
+from ..particles import Binding, bind, deform_splats
+from ..render import Rasterizer
+from ..types import IGNORE, Clip, Splats
+from .forward import Discretisation, Motion
+from .prepare import Prepared
+
+MARGIN_PX = 8  # of the rendered window around the object
+CHUNK = 8  # frames rendered at a time when no gradient is wanted
+
+
+def object_mask(labels: np.ndarray) -> np.ndarray:
+    """Pixels of the object (bool) in label images; ignored pixels are none."""
+    return (labels > 0) & (labels != IGNORE)
+
+
+def static_background(clip: Clip) -> np.ndarray:
+    """The scene without the object, uint8 (H, W, 3): the median over the frames that show it, the nearest such pixel where
+    none does."""
+    assert clip.labels is not None
+    hidden = clip.labels > 0
+    shown = np.ma.masked_array(clip.frames, np.repeat(hidden[..., None], 3, -1))
+    background = np.ma.median(shown[:: max(1, len(clip) // 15)], axis=0)
+    never = np.ma.getmaskarray(background)[..., 0]
+    filled = np.asarray(background.filled(0))
+    index = distance_transform_edt(never, return_distances=False, return_indices=True)
+    return filled[tuple(index)].astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """Gaussians that ride on the particles."""
+
+    rasterizer: Rasterizer
+    binding: Binding
+    mean: torch.Tensor  # frame 0 [m], world, (G, 3)
+    rotation: torch.Tensor  # wxyz, (G, 4)
+    scale: torch.Tensor  # [m], (G, 3)
+    opacity: torch.Tensor  # (G,)
+    color: torch.Tensor  # (G, 3)
+    world_from_body: torch.Tensor  # rotation and translation, (3, 4)
+    background: torch.Tensor  # 0..1, (H, W, 3)
+
+    @classmethod
+    def of(cls, prepared: Prepared, disc: Discretisation, splats: Splats, *, device: str) -> Renderer:
+        """Bind the Gaussians to the particles nearest to them."""
+        tensors = [torch.as_tensor(a, dtype=torch.float32, device=device) for a in (splats.mean, splats.rotation, splats.scale, splats.opacity, splats.color)]
+        pose = torch.as_tensor(prepared.body.world_from_body[:3], dtype=torch.float32, device=device)
+        background = torch.as_tensor(static_background(prepared.clip), device=device).float() / 255
+        binding = bind(prepared.body.to_body(splats.mean.astype(float)), disc.particles.x_rest)
+        return cls(Rasterizer(prepared.clip.camera, device), binding, *tensors, pose, background)
+
+    def render(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, window: tuple[int, int, int, int] | None) -> tuple[torch.Tensor, ...]:
+        """Image (S, h, w, 3), alpha and depth (S, h, w) of particles x (S, P, 3), F (S, P, 3, 3), body frame; x0 (P, 3)."""
+        turn, shift = self.world_from_body[:, :3], self.world_from_body[:, 3]
+        x, x0, F = x.float() @ turn.T + shift, x0.float() @ turn.T + shift, turn @ F.float() @ turn.T
+        mean, rotation = deform_splats(self.binding, self.mean, self.rotation, x, x0, F)
+        return self.rasterizer.render_frames(mean, rotation, self.scale, self.opacity, self.color, self.background, window=window)
+
+    def clip(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Full frames, uint8 (T, H, W, 3), of particles x (T, P, 3) and F (T, P, 3, 3)."""
+        tensors = [torch.as_tensor(a, dtype=torch.float32, device=self.mean.device) for a in (x, F)]
+        frames = []
+        with torch.no_grad():
+            for first in range(0, len(x), CHUNK):
+                chunk = slice(first, first + CHUNK)
+                image = self.render(tensors[0][chunk], tensors[0][0], tensors[1][chunk], None)[0]
+                frames.append((image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy())
+        return np.concatenate(frames)
+
+
+class ImageTerm:
+    """Masked L2 + SSIM (paper A.13) and depth misfit over chosen frames, each 1 for the frozen first frame."""
+
+    def __init__(self, prepared: Prepared, renderer: Renderer, *, every: int, ssim_weight: float, with_depth: bool):
+        clip = prepared.clip
+        assert clip.labels is not None
+        self.renderer, self.ssim_weight = renderer, ssim_weight
+        chosen = np.arange(every, len(clip), every)
+        self.frames = chosen[clip.seen[chosen]]
+        self.window = _window(object_mask(clip.labels))
+        left, top, right, bottom = self.window
+        crop = (slice(top, bottom), slice(left, right))
+        device = renderer.mean.device
+        self.observed = torch.as_tensor(clip.frames[self.frames][:, *crop], device=device).float() / 255
+        self.mask = torch.as_tensor(object_mask(clip.labels[self.frames])[:, *crop], device=device)
+        self.depth = None
+        if with_depth and clip.depth is not None:
+            self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
+        self.frozen = (1.0, 1.0)
+
+    def calibrate(self, x0: torch.Tensor) -> None:
+        """Measure the misfit of the frozen first frame: particles (P, 3) that never move."""
+        still = x0.detach()[None].expand(len(self.frames), *x0.shape)
+        unit = torch.eye(3, dtype=x0.dtype, device=x0.device).expand(*still.shape[:2], 3, 3)
+        with torch.no_grad():
+            image, depth = self._misfit(still, x0, unit)
+        self.frozen = (max(float(image), 1e-12), max(float(depth), 1e-12))
+
+    def __call__(self, motion: Motion) -> tuple[torch.Tensor, torch.Tensor]:
+        """Image and depth misfit over those of the frozen first frame; the latter 0 where the clip has no depth."""
+        image, depth = self._misfit(motion.x[self.frames], motion.x[0], motion.F[self.frames])
+        return image / self.frozen[0], depth / self.frozen[1]
+
+    def _misfit(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        image, alpha, depth = self.renderer.render(x, x0, F, self.window)
+        misfit = image_loss(image, self.observed, self.mask, ssim_weight=self.ssim_weight)
+        if self.depth is None:
+            return misfit, torch.zeros((), device=image.device)
+        return misfit, depth_loss(depth, self.depth, self.mask & (alpha > 0.5))
+
+
+def _window(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """Box (left, top, right, bottom) [px] around the object in all frames (T, H, W)."""
+    rows, columns = np.flatnonzero(mask.any((0, 2))), np.flatnonzero(mask.any((0, 1)))
+    height, width = mask.shape[1:]
+    return (
+        int(max(columns[0] - MARGIN_PX, 0)),
+        int(max(rows[0] - MARGIN_PX, 0)),
+        int(min(columns[-1] + 1 + MARGIN_PX, width)),
+        int(min(rows[-1] + 1 + MARGIN_PX, height)),
+    )

@@ -1,0 +1,102 @@
+"""The loss of the inverse problem (paper Eq. 10, A.12): tracks + images + depth + priors, with its exact gradient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from ..config import Fit
+from ..errors import SimulationError
+from ..fields import Layout
+from ..particles import Binding, bind
+from .forward import ForwardModel, Motion
+from .images import ImageTerm
+from .observations import TrackTarget
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Quadratic priors on z, each the half inverse variance in units of the loss; weak where the data speak.
+
+    The force terms are the paper's smoothness (A.14) and a penalty on the mean square force, without which a force and its
+    own wobble about zero mean would cost nothing.
+    """
+
+    hessian: np.ndarray  # (size, size)
+    centre: np.ndarray  # (size,)
+
+    LOG_YOUNG, DAMPING, FORCE, SMOOTH, MOTION = 2e-3, 1e-5, 1e-4, 1e-3, 1e-6
+
+    @classmethod
+    def of(cls, layout: Layout) -> Prior:
+        """Priors about the start values (log E, damping) and about zero (force, initial motion)."""
+        n, count = layout.parts, len(layout.forced)
+        hessian = np.zeros((layout.size, layout.size))
+        hessian[range(n), range(n)] = cls.LOG_YOUNG
+        hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
+        adjacent = np.diff(layout.forced) == 1
+        difference = np.diff(np.eye(count), axis=0)[adjacent]
+        per_frame = (cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference) / layout.frames
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, np.eye(3))
+        motion = np.arange(layout.size)[layout.motion_slice]
+        hessian[motion, motion] = cls.MOTION
+        return cls(hessian, np.zeros(layout.size))
+
+    def value(self, z: torch.Tensor) -> torch.Tensor:
+        """The prior's share of the loss."""
+        offset = z.double() - torch.as_tensor(self.centre)
+        return 0.5 * offset @ torch.as_tensor(self.hessian) @ offset
+
+
+@dataclass
+class Terms:
+    """The loss at one z, term by term."""
+
+    z: torch.Tensor
+    motion: Motion | None
+    total: torch.Tensor
+    parts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def value(self) -> float:
+        """The loss; infinite where the simulation left its bounds."""
+        return float(self.total)
+
+    def gradient(self) -> np.ndarray:
+        """d(loss)/dz, (size,), by replaying the simulation backwards."""
+        (gradient,) = torch.autograd.grad(self.total, self.z)
+        return gradient.double().cpu().numpy()
+
+
+class Objective:
+    """z -> Terms."""
+
+    def __init__(self, forward: ForwardModel, target: TrackTarget, images: ImageTerm | None, prior: Prior, weights: Fit):
+        self.forward, self.target, self.images, self.prior, self.weights = forward, target, images, prior, weights
+        self.binding: Binding = bind(target.points0.cpu().double().numpy(), forward.disc.particles.x_rest)
+        self.failures: list[str] = []  # what the simulation said where a step went too far
+
+    def __call__(self, z: np.ndarray) -> Terms:
+        leaf = torch.as_tensor(z, dtype=torch.float64).requires_grad_(True)
+        try:
+            motion = self.forward(leaf.to(self.forward.device, self.forward.dtype))
+        except SimulationError as error:
+            self.failures.append(str(error))
+            return Terms(leaf, None, torch.tensor(float("inf")))
+        return self._terms(leaf, motion)
+
+    def _terms(self, leaf: torch.Tensor, motion: Motion) -> Terms:
+        w = self.weights
+        track = self.target.loss(self.binding.apply(motion.displacement)).double()
+        weighted = {"track": w.track_weight * track, "prior": self.prior.value(leaf)}
+        if self.images is not None:
+            image, depth = self.images(motion)
+            weighted |= {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
+        total = sum((v.cpu() for v in weighted.values()), torch.zeros((), dtype=torch.float64))
+        return Terms(leaf, motion, total, {name: float(v) for name, v in weighted.items()})
+
+    def track_rms(self, motion: Motion) -> float:
+        """Misfit of one track coordinate [m]."""
+        return self.target.rms(self.binding.apply(motion.displacement.detach()))

@@ -1,0 +1,85 @@
+"""How fine and how long: cells, particles and iterations that end inside the time budget.
+
+The choice rests on fixed rates per device, not on a stop-watch, so that the same clip and settings give the same result on
+every run; a slower machine is caught by the clock in solve.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..simulate import substeps_per_frame
+from ..types import Body
+
+# seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
+RATES = {"cpu": (2.2e-6, 0.08), "cuda": (3.0e-8, 0.004)}
+LEAST_SUBSTEP_S = {"cpu": 6e-5, "cuda": 2.5e-4}  # launches, however few the particles
+GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
+WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
+STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
+RENDER_SHARE = 0.3  # of an iteration, at most, spent on images
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a fit will do."""
+
+    cells: int  # over the thickness
+    per_cell: float  # particles per cell and axis
+    dx: float  # [m]
+    substeps: int  # per frame, at the start
+    iterations: int
+    image_every: int  # frames between two that enter the image term
+    seconds_per_iteration: float  # expected [s]
+
+    def text(self) -> str:
+        """One line for people."""
+        return (
+            f"{self.cells} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:g} particles per cell and axis, "
+            f"{self.substeps} substeps a frame, {self.iterations} iterations of about {self.seconds_per_iteration:.1f} s, "
+            f"every {self.image_every}. frame in the image term"
+        )
+
+
+def make_plan(body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
+    """The finest grid on which the wanted iterations fit into fit.time_budget_s; InputError where max_substeps forbids all."""
+    plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in _grids(settings)]
+    allowed = [p for p in plans if p.substeps <= settings.fit.max_substeps]
+    if not allowed:
+        least = min(plans, key=lambda p: p.substeps)
+        raise InputError(
+            f"fit.max_substeps {settings.fit.max_substeps}: {least.cells} cells over the thickness need {least.substeps} substeps a frame "
+            f"at E = {young.max():.3g} Pa; raise it to {least.substeps} or lower particles.cells"
+        )
+    wanted = settings.fit.iterations or WANTED_ITERATIONS
+    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= settings.fit.time_budget_s]
+    plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
+    return plan if settings.fit.iterations else _with_iterations(plan, settings.fit.time_budget_s)
+
+
+def _with_iterations(plan: Plan, budget_s: float) -> Plan:
+    count = int(np.clip(budget_s / plan.seconds_per_iteration, LEAST_ITERATIONS, MOST_ITERATIONS))
+    return Plan(**{**plan.__dict__, "iterations": count})
+
+
+def _grids(settings: Settings) -> list[tuple[int, float]]:
+    cells, per_cell = settings.particles.cells, settings.particles.per_cell
+    grids = [(cells or c, per_cell or p) for c, p in GRIDS]
+    return list(dict.fromkeys(grids))
+
+
+def _plan_on(grid: tuple[int, float], body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
+    cells, per_cell = grid
+    dx = float(2 * body.half_thickness[body.inside].max() / cells)
+    substeps = substeps_per_frame(young, body.poisson, body.density, dx=dx, period_s=period_s)
+    count = body.volume_m3 / (dx / per_cell) ** 3
+    kind = "cuda" if device.startswith("cuda") else "cpu"
+    rate, render_s = RATES[kind]
+    simulate_s = frames * substeps * (count * rate + LEAST_SUBSTEP_S[kind])
+    every = settings.fit.image_every or int(np.clip(np.ceil(frames * render_s / (RENDER_SHARE * simulate_s)), 1, max(1, frames // 6)))
+    seconds = STEPS_PER_ITERATION * (simulate_s + frames / every * render_s)
+    return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds)

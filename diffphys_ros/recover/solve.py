@@ -1,0 +1,201 @@
+"""The inverse solver: from start values and Gaussians to the recovered fields (paper Eq. 3 and 10)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ..config import Settings
+from ..fields import Layout
+from ..types import Recovery, Splats
+from .answer import assemble, linear_answer, simulated_answer
+from .checkpoint import Checkpoint
+from .curvature import linear_displacement, track_hessian
+from .forward import Discretisation, ForwardModel, discretise
+from .images import ImageTerm, Renderer
+from .minimise import Iterate, begin, minimise
+from .objective import Objective, Prior, Terms
+from .observations import TrackTarget, acceleration_scale
+from .plan import Plan, make_plan
+from .prepare import Prepared, scaled_start
+from .progress import Progress
+
+INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
+NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
+LONGEST_STEP = 0.4  # of log E in one iteration
+
+
+@dataclass
+class Problem:
+    """Everything that one fit needs."""
+
+    prepared: Prepared
+    settings: Settings
+    plan: Plan
+    disc: Discretisation
+    layout: Layout
+    target: TrackTarget
+    forward: ForwardModel
+    renderer: Renderer | None
+    objective: Objective
+    hessian: np.ndarray
+
+
+def pick_device(settings: Settings) -> str:
+    """cpu or cuda:0, as asked for, or the best there is."""
+    if settings.fit.device != "auto":
+        return settings.fit.device
+    return "cuda:0" if torch.cuda.is_available() else "cpu"
+
+
+def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings) -> Problem:
+    """Grid, unknowns, loss and its curvature."""
+    clip, body, device = prepared.clip, prepared.body, pick_device(settings)
+    plan = make_plan(body, prepared.start.young, frames=len(clip) - 1, period_s=clip.period_s, settings=settings, device=device)
+    disc = discretise(prepared, plan)
+    start = scaled_start(prepared.start, settings.fit.start_scale / disc.apparent)
+    initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
+    force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
+    layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
+    dtype = torch.float32
+    target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype)
+    renderer = None if splats is None else Renderer.of(prepared, disc, splats, device=device)
+    weights, images = settings.fit, None
+    if renderer is not None and (weights.image_weight > 0 or weights.depth_weight > 0):
+        with_depth = weights.depth_weight > 0 and prepared.tracks.has_depth
+        images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
+        images.calibrate(forward.simulator.x_rest)
+    prior = Prior.of(layout)
+    curvature = weights.track_weight * track_hessian(prepared, layout, target, initial_modes=initial_modes)
+    objective = Objective(forward, target, images, replace(prior, centre=_prior_centre(layout)), weights)
+    return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
+
+
+def _motion_unit(prepared: Prepared) -> np.ndarray:
+    """Units of initial modal coordinates and rates, (2, r): those that move the tracks by as much as they were seen to move."""
+    tracks, modal = prepared.tracks, prepared.modal
+    moved = float(np.sqrt(((tracks.points - tracks.points[:1])[tracks.valid] ** 2).sum(-1).mean()))
+    shape = modal.evaluate(prepared.body.to_body(tracks.points[0]))[0]
+    size = np.sqrt((shape**2).sum(1).mean(0))
+    omega = 2 * np.pi * np.maximum(modal.frequencies(prepared.start.young), 0.1)
+    return np.stack([moved / size, moved * omega / size])
+
+
+def _prior_centre(layout: Layout) -> np.ndarray:
+    """log E and damping are drawn to their start, force and initial motion to zero."""
+    return np.zeros(layout.size)
+
+
+def solve(
+    prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None
+) -> Generator[Progress, None, Recovery]:
+    """Joint fit over material and force. Yields news, returns the Recovery; to stop iterating is to cancel."""
+    checkpoint = checkpoint or Checkpoint(None)
+    checkpoint.bind(prepared.clip, settings)
+    began = time.monotonic()
+    yield Progress("plan", text="choosing cells and particles")
+    problem = pose_problem(prepared, splats, settings)
+    count = len(problem.disc.particles.own)
+    yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, apparent stiffness {problem.disc.apparent:.3f}")
+    state = yield from _search(problem, checkpoint, began)
+    yield Progress("result", text="final simulation and rendering")
+    recovery = _answer(problem, state)
+    yield Progress("result", text=_verdict(recovery), artefact=recovery)
+    return recovery
+
+
+def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator[Progress, None, Iterate]:
+    iterations, budget_s = problem.plan.iterations, problem.settings.fit.time_budget_s
+    fixed = problem.settings.fit.iterations > 0
+    state = _first(problem, checkpoint)
+    yield _news(problem, state, iterations, None)
+    try:
+        while state.iteration < iterations and not state.finished:
+            before = time.monotonic()
+            state = next(minimise(problem.objective, state, iterations=iterations, limit=lambda z, step: _limit(problem, z, step)))
+            state = _recapture(problem, state)
+            checkpoint.offer(state, problem.layout.young_of(state.z))
+            took, spent = time.monotonic() - before, time.monotonic() - began
+            yield _news(problem, state, iterations, took * (iterations - state.iteration))
+            if not fixed and spent + took > budget_s:
+                break
+    finally:
+        checkpoint.flush()
+    return state
+
+
+def _first(problem: Problem, checkpoint: Checkpoint) -> Iterate:
+    stored = checkpoint.load(problem.layout.size)
+    if stored is None:
+        return begin(problem.objective, problem.layout.start, problem.hessian)
+    problem.forward.ensure_substeps(stored[0].z)
+    return stored[0]
+
+
+def _recapture(problem: Problem, state: Iterate) -> Iterate:
+    """Lay out the substeps anew where E has passed what they carry; value and gradient are those of the new layout."""
+    if not problem.forward.ensure_substeps(state.z):
+        return state
+    here = problem.objective(state.z)
+    return replace(state, value=here.value, gradient=here.gradient())
+
+
+def _limit(problem: Problem, z: np.ndarray, step: np.ndarray) -> float:
+    """Share of a step that keeps log E within reach: LONGEST_STEP, and what fit.max_substeps can carry."""
+    parts = slice(0, problem.layout.parts)
+    share = min(1.0, LONGEST_STEP / max(np.abs(step[parts]).max(), 1e-12))
+    ratio = problem.settings.fit.max_substeps / problem.forward.simulator.substeps
+    most = problem.forward.simulator.max_young() * ratio**2
+    room = np.log(most / problem.layout.young_of(z))
+    for rise, left in zip(step[parts] * share, room, strict=True):
+        if rise > left:
+            share *= max(left, 0.0) / rise
+    return share
+
+
+def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float | None) -> Progress:
+    young = problem.layout.young_of(state.z) * problem.disc.apparent
+    text = "E " + " ".join(f"{e:.4g}" for e in young) + " Pa"
+    return Progress("fit", state.iteration, iterations, state.value, seconds_left, text, artefact=young)
+
+
+def _answer(problem: Problem, state: Iterate) -> Recovery:
+    with torch.no_grad():
+        terms = problem.objective(state.z)
+    points = problem.target.points0.cpu().double().numpy()
+    linear = torch.as_tensor(linear_displacement(problem.prepared, points)).to(problem.target.observed)
+    noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
+    refined_rms = float("inf") if terms.motion is None else problem.objective.track_rms(terms.motion)
+    accepted = refined_rms <= NEAR_NOISE * noise
+    core = simulated_answer(problem.disc, problem.layout, terms) if accepted else linear_answer(problem.prepared, problem.disc)
+    metrics = {
+        "refined": bool(accepted),
+        "track_rms_m": refined_rms if accepted else linear_rms,
+        "track_rms_refined_m": refined_rms,
+        "track_rms_start_m": linear_rms,
+        "track_noise_m": noise,
+        "loss": terms.parts,
+        "loss_history": list(state.history),
+        "iterations": state.iteration,
+        "cells_over_thickness": problem.plan.cells,
+        "particles_per_cell_and_axis": problem.plan.per_cell,
+        "substeps": problem.forward.simulator.substeps,
+        "apparent_stiffness": problem.disc.apparent,
+        "young_start_pa": problem.prepared.start.young.tolist(),
+        "young_refined_pa": (problem.layout.young_of(state.z) * problem.disc.apparent).tolist(),
+    }
+    return assemble(problem.prepared, problem.disc, core, problem.renderer, substeps=problem.forward.simulator.substeps, metrics=metrics)
+
+
+def _verdict(recovery: Recovery) -> str:
+    m = recovery.metrics
+    kept = "refined by simulation" if m["refined"] else "start values kept: the simulation did not reach the track noise"
+    return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]
+
+
+__all__ = ["Checkpoint", "Terms", "pose_problem", "solve"]
