@@ -1,0 +1,45 @@
+# Every target sets up .venv first (scripts/setup_venv.sh; seconds when nothing changed).
+VENV ?= .venv
+PY := $(VENV)/bin/python
+export VENV
+
+.PHONY: help setup demo demo-starts graph test lint bench tables clean
+
+help:
+	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
+	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
+	@echo "make graph        the five nodes as five processes against one process, full length"
+	@echo "make test         all tests"
+	@echo "make lint         ruff, mypy"
+	@echo "make bench        speed of the simulator and the renderer"
+	@echo "make tables       rewrite the tables in README.md from the code"
+	@echo "make clean        remove results, builds and .venv"
+
+setup:
+	@scripts/setup_venv.sh
+
+demo: setup
+	@$(PY) scripts/demo.py
+
+demo-starts: setup
+	@$(PY) scripts/demo_starts.py
+
+graph: setup
+	@$(PY) scripts/graph.py
+
+test: setup
+	$(PY) -m pytest
+
+lint: setup
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check scripts diffphys_ros
+	$(PY) -m mypy diffphys_ros
+
+bench: setup
+	$(PY) benchmarks/substep.py
+
+tables: setup
+	$(PY) scripts/readme_tables.py
+
+clean:
+	rm -rf $(VENV) out build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -1,0 +1,187 @@
+#!/usr/bin/env python3
+"""Plays the bundled sample through fit_node as a user would run it, beside a subscriber that prints what a robot would
+receive; then compares with the known truth. Exit status 0 only if every process ended well and every bound below is met."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from diffphys_ros import config, result
+from diffphys_ros.bags.read import read_clip
+from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.errors import InputError
+from diffphys_ros.report import figure
+from diffphys_ros.report.colours import pascals
+from diffphys_ros.score import net_force, read_truth
+
+OUT = Path("out/demo")
+BUDGET_S = 150.0  # of the fit
+LIMIT_S = 360.0  # of everything
+FILES_S = 60.0  # for the last file after the last message
+PROGRAMS = Path(sys.executable).parent
+
+YOUNG, RATIO, COSINE, FALSE_FORCE, GAIN_DB = 0.15, 0.12, 0.95, 0.05, 8.0  # bounds, shares and dB
+
+
+def main() -> int:
+    """The whole demonstration; returns the exit status."""
+    began, sample = time.monotonic(), sample_folder()
+    shutil.rmtree(OUT, ignore_errors=True)
+    result.check_writable(OUT)
+    if not play(sample, began):
+        return 1
+    score = [str(PROGRAMS / "diffphys"), "score", str(OUT), "--truth", str(sample / "truth.npz")]
+    print(f"\n$ {shown(score)}", flush=True)
+    if subprocess.run(score, stdout=subprocess.DEVNULL).returncode:
+        return 1
+    metrics = result.read_metrics(OUT)
+    overlay_truth(sample, metrics)
+    good = print_comparison(metrics)
+    print_places()
+    print(f"\n{time.monotonic() - began:.0f} s in all")
+    return 0 if good else 1
+
+
+def play(sample: Path, began: float) -> bool:
+    """fit_node on the sample and a subscriber beside it, as two processes; whether both ended well."""
+    fit = [str(PROGRAMS / "fit_node"), "--ros-args"]
+    for name, value in (("bag", sample / "clip.mcap"), ("config", sample / "given.yaml"), ("out", OUT), ("fit.time_budget_s", BUDGET_S)):
+        fit += ["-p", f"{name}:={value}"]
+    listen = [sys.executable, "-m", "diffphys_ros.nodes.listen", "--node", "fit_node"]
+    log = OUT.with_suffix(".log")
+    print(f"$ {shown(fit)}\n$ {shown(listen)}\n", flush=True)
+    with log.open("w") as output:
+        node = subprocess.Popen(fit, stdout=output, stderr=subprocess.STDOUT, env=environment())
+        robot = subprocess.Popen(listen, env=environment())
+        try:
+            fault = watch(node, robot, began)
+        finally:
+            ended = {name: stop(process) for name, process in (("the subscriber", robot), ("fit_node", node))}
+    faults = [fault, *(f"{name} ended with status {status}" for name, status in ended.items() if status)]
+    for text in filter(None, faults):
+        print(f"demo: {text}", file=sys.stderr)
+    if any(faults):
+        print(f"demo: the last lines of {log}:", *log.read_text().splitlines()[-20:], sep="\n  ", file=sys.stderr)
+    return not any(faults)
+
+
+def watch(node: subprocess.Popen, robot: subprocess.Popen, began: float) -> str:
+    """Waits for the subscriber to have everything and for the last file; what went wrong, or nothing."""
+    while robot.poll() is None:
+        if node.poll() is not None:
+            return "fit_node ended before the subscriber had its answer"
+        if time.monotonic() - began > LIMIT_S:
+            return f"not done after {LIMIT_S:.0f} s"
+        time.sleep(0.1)
+    until = time.monotonic() + FILES_S
+    while not (OUT / result.FIGURE).exists() and node.poll() is None and time.monotonic() < until:
+        time.sleep(0.1)
+    missing = [name for name in (result.RECOVERY, result.RECORDING, result.RERUN, result.FIGURE) if not (OUT / name).exists()]
+    return f"{', '.join(missing)} not written" if missing else ""
+
+
+def stop(process: subprocess.Popen) -> int:
+    """Asks a process to end as Ctrl-C does; its exit status."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def environment() -> dict[str, str]:
+    """The environment of both processes: a ROS domain of their own on this machine, unless the user chose one."""
+    own = {"ROS_DOMAIN_ID": str(1 + os.getpid() % 100), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"}
+    return own | os.environ
+
+
+def overlay_truth(sample: Path, metrics: dict[str, Any]) -> None:
+    """Draws the summary again with the truth over it."""
+    settings = config.layered([sample / "given.yaml"])
+    truth = figure.Truth(metrics["young_true_pa"], net_force(read_truth(sample / "truth.npz")))
+    figure.summary(OUT / "summary_vs_truth.png", result.load(OUT), read_clip(sample / "clip.mcap", settings), truth=truth)
+
+
+def print_comparison(metrics: dict[str, Any]) -> bool:
+    """Recovered against true, line by line; whether every bound is met."""
+    rows = list(comparison(metrics))
+    width = max(len(name) for name, *_ in rows)
+    print(f"\n{'':{width}}  {'recovered':>12}  {'true':>10}  {'':>9}")
+    for name, found, true, error, good in rows:
+        print(f"{name:{width}}  {found:>12}  {true:>10}  {error:>9}  {'' if good is None else 'ok' if good else 'short'}")
+    return all(good is not False for *_, good in rows)
+
+
+def comparison(metrics: dict[str, Any]) -> list[tuple[str, str, str, str, bool | None]]:
+    """Rows of name, recovered, true, error or bound, and whether the bound is met (None: it has none)."""
+    rows: list[tuple[str, str, str, str, bool | None]] = []
+    for part, (found, true) in enumerate(zip(metrics["young_pa"], metrics["young_true_pa"], strict=True), 1):
+        error = None if found is None else found / true - 1
+        words = "unknown" if error is None else f"{100 * error:+.1f} %"
+        rows.append(
+            (
+                f"Young's modulus, part {part}",
+                pascals(found or float("nan")),
+                pascals(true),
+                words,
+                error is not None and abs(error) <= YOUNG,
+            )
+        )
+    ratio = metrics["young_ratio_error"]
+    if ratio is not None:
+        rows.append(
+            ("error of the stiff/soft ratio", f"{100 * (10**ratio - 1):.1f} %", "", f"<= {100 * RATIO:.0f} %", 10**ratio - 1 <= RATIO)
+        )
+    cosine, false_force = metrics["net_force_cosine"], metrics["false_force_ratio"]
+    rows += [
+        ("peak net force", f"{metrics['force_peak_n']:.3g} N", f"{metrics['force_peak_true_n']:.3g} N", "", None),
+        ("direction of the net force, cosine", f"{cosine:.3f}", "1", f">= {COSINE}", cosine >= COSINE),
+        ("false force, share of the peak", f"{100 * false_force:.1f} %", "0", f"<= {100 * FALSE_FORCE:.0f} %", false_force <= FALSE_FORCE),
+        ("misfit of the motion, share of its rms", f"{100 * metrics['trajectory_rmse_over_rms_motion']:.1f} %", "0", "", None),
+    ]
+    psnr, frozen = metrics["psnr_masked"], metrics["psnr_masked_frozen_frame"]
+    rows.append(
+        ("masked PSNR over the frozen first frame", f"{psnr - frozen:+.1f} dB", "", f">= {GAIN_DB:.0f} dB", psnr - frozen >= GAIN_DB)
+    )
+    return rows
+
+
+def print_places() -> None:
+    """Where to look."""
+    rerun = PROGRAMS / "rerun"
+    print("\nLook at")
+    for place, words in (
+        (OUT / "summary_vs_truth.png", "input, render, material, force against truth"),
+        (f"{shown([str(rerun), str(OUT / result.RERUN)])}", "the same in 3D over time"),
+        (OUT / result.RECORDING, "the published topics, for `ros2 bag play`"),
+        (OUT / result.RECOVERY, "the fields as arrays"),
+        (OUT / result.METRICS, "every figure"),
+    ):
+        print(f"  {place!s:44}  {words}")
+
+
+def shown(command: list[str]) -> str:
+    """A command line with paths as a person would type them."""
+    return " ".join(word.replace(f"{Path.cwd()}/", "") for word in command)
+
+
+if __name__ == "__main__":
+    os.chdir(Path(__file__).resolve().parent.parent)
+    try:
+        sys.exit(main())
+    except InputError as error:
+        sys.exit(f"demo: {error}")
+    except json.JSONDecodeError as error:
+        sys.exit(f"demo: metrics.json is broken: {error}")
+    except KeyboardInterrupt:
+        sys.exit(130)
