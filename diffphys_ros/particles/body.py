@@ -8,7 +8,8 @@ import numpy as np
 from ..config import Scene, Settings
 from ..errors import InputError
 from ..types import IGNORE, Body, Clip
-from .frame import body_pose, find_clamp, thickness_direction, up_direction
+from .edges import coverage
+from .frame import Clamp, body_pose, find_clamp, thickness_direction, up_direction
 from .silhouette import (
     CELLS_PER_PIXEL,
     Raster,
@@ -23,7 +24,10 @@ from .silhouette import (
 
 WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is known
 FLAT_SHARE = 0.08  # of the half thickness: a front that recedes by less is flat, the rest is noise of the depth
-HIDDEN_ROOT = 0.12  # of the length: at most so much of the root may hide behind the mount
+THINNEST = 0.15  # of the largest half thickness: a thinner rim is left out, it carries no load
+HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
+ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
+IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 
 def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
@@ -55,7 +59,8 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
     seen = (surface - pose[:3, 3]) @ pose[:3, :3]
     raster = raster_over(seen, footprint / CELLS_PER_PIXEL, from_zero=clamp is not None)
     front = front_level(seen[:, 2], footprint)
-    inside, half, middle = _solid(clip, scene, depth0, mask, raster, pose, front, footprint, clamp is not None)
+    soft = coverage(clip.frames[0], mask)
+    inside, half, middle = _solid(clip, scene, depth0, soft, raster, pose, front, footprint, clamp)
     part = _parts(labels, clip, raster, pose, inside, front)
     pose[:3, 3] += pose[:3, 2] * middle
     return _described(scene, clip, raster, pose, inside, half, part, clamp is not None)
@@ -67,25 +72,43 @@ def front_level(height: np.ndarray, footprint_m: float) -> float:
     return float(np.median(height[height > top - 3 * footprint_m]))
 
 
-def _solid(clip: Clip, scene: Scene, depth0: np.ndarray, mask: np.ndarray, raster: Raster, pose: np.ndarray, front: float, footprint: float, clamped: bool) -> tuple[np.ndarray, np.ndarray, float]:
+def _solid(clip: Clip, scene: Scene, depth0: np.ndarray, soft: np.ndarray, raster: Raster, pose: np.ndarray, front: float, footprint: float, clamp: Clamp | None) -> tuple[np.ndarray, np.ndarray, float]:
     """Silhouette (nx, ny), half thickness (nx, ny) [m] and the height of the mid-plane [m]."""
     if clip.depth is None:
         back = front - (scene.thickness_m or 0.0)
-        inside, height = carved(raster, pose, clip.camera, mask, (front, back)), np.full(raster.shape, front)
+        inside, height = carved(raster, pose, clip.camera, soft, (front, back)), np.full(raster.shape, front)
     else:
-        height, inside = surface_height(raster, pose, clip.camera, mask, depth0.astype(float), front, footprint)
+        height, inside = surface_height(raster, pose, clip.camera, soft, depth0.astype(float), front, footprint)
     inside = tidy(inside & (front - height < (scene.thickness_m or np.inf) / 2))
     if not inside.any():
         raise InputError(f"{clip.source or 'clip'}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
-    if clamped:
-        length = raster.pitch_m * np.flatnonzero(inside.any(1)).max()
-        inside = reaching_clamp(inside, raster.pitch_m, reach_m=HIDDEN_ROOT * length)
+    if clamp:
+        inside = _with_root(clip, raster, pose, inside, front, clamp)
     full = scene.thickness_m / 2 if scene.thickness_m else None
     half = np.full(raster.shape, full) if full else local_half_width(inside) * raster.pitch_m
     receding = np.clip(front - smoothed(height, inside), 0, None)
     half = half - np.where(receding > FLAT_SHARE * half, receding, 0.0)
-    inside &= half > 0.5 * raster.pitch_m
+    inside &= half > THINNEST * half.max()
     return inside, np.where(inside, half, 0.0), front - float(full if full else half[inside].max())
+
+
+def _with_root(clip: Clip, raster: Raster, pose: np.ndarray, inside: np.ndarray, front: float, clamp: Clamp) -> np.ndarray:
+    """The silhouette continued to the clamp plane within the box's width, where it is hidden or stops short by a few pixels."""
+    y = raster.centres[0, :, 1]
+    in_box = np.abs(y) <= np.abs(pose[:3, :3].T[1]) @ clamp.half_size
+    hidden = np.ones(raster.shape, bool) if clip.depth is None else _occluded(clip, raster, pose, front)
+    reach = round(HIDDEN_ROOT * float(np.flatnonzero(inside.any(1)).max()))
+    grown = reaching_clamp(inside, hidden, reach=reach, tolerance=round(ROOT_TOLERANCE_PX * CELLS_PER_PIXEL))
+    return np.where(in_box, grown, inside)
+
+
+def _occluded(clip: Clip, raster: Raster, pose: np.ndarray, front: float) -> np.ndarray:
+    """Cells (nx, ny) of the front plane before which something else stands."""
+    assert clip.depth is not None
+    cells = np.concatenate([raster.centres, np.full((*raster.shape, 1), front)], -1)
+    pixels, depth = clip.camera.project(cells @ pose[:3, :3].T + pose[:3, 3])
+    measured = cv2.remap(clip.depth[0], pixels.astype(np.float32), None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return (measured > 0) & (measured < (1 - IN_FRONT) * depth)
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:

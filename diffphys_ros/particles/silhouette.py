@@ -12,7 +12,7 @@ from ..types import Camera
 
 CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
 FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
-OFF_SURFACE = 0.6  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
+OFF_SURFACE = 0.25  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return cv2.remap(image.astype(np.float32), flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
 
-def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
+def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Height of the visible surface above every raster cell, and which cells lie under it.
 
     Fixed point: a cell's point at the present height is projected into the image, the depth there puts a hit on that ray, and the
@@ -57,7 +57,7 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.nd
         raster: cells in the body's x-y plane.
         pose: world_from_body (4, 4); z = 0 may lie anywhere.
         camera: of the image.
-        mask: the object's pixels, bool (H, W). Edges of a binary mask lie halfway between pixel centres.
+        soft: share of each pixel that the object covers (H, W); the edge is where it passes a half.
         depth: of the object's surface [m], 0 off the object (H, W).
         start: first guess of the height, that of the front [m].
         footprint_m: side of a pixel on the object [m].
@@ -65,8 +65,7 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.nd
     Returns:
         height [m] (nx, ny), inside bool (nx, ny).
     """
-    inverse = _extended_inverse(mask, depth)
-    soft = mask.astype(np.float32)
+    inverse = _extended_inverse(depth)
     cells = raster.centres
     height = np.full(raster.shape, start)
     alive = np.ones(raster.shape, bool)
@@ -81,9 +80,8 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.nd
     return height, alive & (miss < OFF_SURFACE * footprint_m)
 
 
-def carved(raster: Raster, pose: np.ndarray, camera: Camera, mask: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
-    """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall into the mask: the silhouette without depth."""
-    soft = mask.astype(np.float32)
+def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
+    """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall onto the object (`soft`, see above): the silhouette without depth."""
     inside = np.ones(raster.shape, bool)
     for height in heights:
         cells = np.concatenate([raster.centres, np.full((*raster.shape, 1), height)], -1)
@@ -100,21 +98,21 @@ def tidy(inside: np.ndarray) -> np.ndarray:
     return regions == 1 + np.argmax(np.bincount(regions.ravel())[1:]) if count else opened
 
 
-def reaching_clamp(inside: np.ndarray, pitch_m: float, *, reach_m: float) -> np.ndarray:
-    """The silhouette continued to x = 0 where a mount hides its root.
+def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolerance: int) -> np.ndarray:
+    """The silhouette continued to x = 0 where something in front hides its root.
 
-    The width at the root is read where the body is seen whole: rows that end within `reach_m` of the plane are continued to it.
+    Args:
+        inside: silhouette (nx, ny), x = 0 at the first row's lower edge.
+        hidden: cells (nx, ny) at which the body cannot be seen.
+        reach: longest gap that is closed [cells].
+        tolerance: gap that is closed even where nothing hides it [cells].
     """
-    steps = max(1, round(reach_m / pitch_m))
-    first = np.where(inside.any(1))[0]
-    if not len(first) or first[0] > steps:
-        return inside
-    near = inside[: first[0] + steps]
-    seen = near.any(0)
-    start = np.argmax(near, axis=0)
     filled = inside.copy()
-    for j in np.flatnonzero(seen):
-        filled[: start[j], j] = True
+    start = np.where(inside.any(0), np.argmax(inside, axis=0), len(inside))
+    for j in np.flatnonzero(start <= reach):
+        gap = hidden[: start[j], j]
+        if (~gap).sum() <= tolerance:
+            filled[: start[j], j] = True
     return filled
 
 
@@ -129,7 +127,6 @@ def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarra
     return median_filter(nearest_filled(height, inside), size, mode="nearest")
 
 
-def _extended_inverse(mask: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Inverse depth continued a few pixels beyond the mask, so that bilinear reading at its edge does not mix in background."""
-    known = mask & (depth > 0)
-    return nearest_filled(np.where(known, 1 / np.maximum(depth, 1e-6), 0.0), known)
+def _extended_inverse(depth: np.ndarray) -> np.ndarray:
+    """Inverse depth continued beyond the object, so that bilinear reading at its edge does not mix in background."""
+    return nearest_filled(np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0.0), depth > 0)
