@@ -9,7 +9,8 @@ With L = sum_i w_i(x) V_i . (a + Q d_i), d_i = x_i - x, both transfers have the 
 sum_i (V_i . (a + Q d_i)) grad w_i - Q^T sum_i w_i V_i: the same loop serves twice. Names end in _bar for dL/d(name).
 """
 
-# mypy: ignore-errors  (Warp's annotations are values)
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
 
 from collections.abc import Callable
 from functools import cache
@@ -18,16 +19,15 @@ from typing import Any
 
 import warp as wp
 
-from .kernels import OPTIONS, common
+from .kernels import OPTIONS, common, name
 from .laws import LAWS
 
 
 @cache
-def adjoint(law: str, real: type) -> SimpleNamespace:
-    """Kernels g2p_adjoint, grid_adjoint, p2g_adjoint for a law's name and a Warp scalar type."""
-    _, stress_adjoint = LAWS[law](real)
-    stress, _ = LAWS[law](real)
-    module = wp.get_module(f"diffphys_ros.simulate.adjoint_{law}_{real.__name__}")
+def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
+    """Kernels g2p_adjoint, grid_adjoint, p2g_adjoint; arguments as for kernels.forward."""
+    stress, stress_adjoint = LAWS[law](real)
+    module = wp.get_module(f"diffphys_ros.simulate.{name('adjoint', law, real, nodal)}")
     module.options |= OPTIONS
     kernel: Callable[..., Any] = wp.kernel(enable_backward=False, module=module)
     t = common(real)
@@ -130,6 +130,7 @@ def adjoint(law: str, real: type) -> SimpleNamespace:
         body: wp.array(dtype=vec3),
         volume: wp.array(dtype=real),
         mass: wp.array(dtype=real),
+        node_force: wp.array(dtype=vec3),
         momentum_bar: wp.array(dtype=vec4),
         # out:
         x_bar: wp.array(dtype=vec3),
@@ -140,6 +141,7 @@ def adjoint(law: str, real: type) -> SimpleNamespace:
         lam_bar: wp.array(dtype=real),
         body_bar: wp.array(dtype=vec3),
         mass_bar: wp.array(dtype=real),
+        node_force_bar: wp.array(dtype=vec3),
     ):
         p = wp.tid()
         u = cell(lattice, xs[slot, p])
@@ -184,6 +186,14 @@ def adjoint(law: str, real: type) -> SimpleNamespace:
                 s1 = wp.dot(g1, h1)
                 s2 = wp.dot(g2, h2)
                 w = wx[i] * wy[j]
+                if wp.static(nodal):
+                    impulse = lattice.dt * volume[p]
+                    s0 += impulse * wp.dot(lift(node_force[n], real(0.0)), g0)
+                    s1 += impulse * wp.dot(lift(node_force[n + 1], real(0.0)), g1)
+                    s2 += impulse * wp.dot(lift(node_force[n + 2], real(0.0)), g2)
+                    for k in range(3):
+                        g = momentum_bar[n + k]
+                        wp.atomic_add(node_force_bar, n + k, (impulse * w * wz[k]) * vec3(g[0], g[1], g[2]))
                 e = wz[0] * s0 + wz[1] * s1 + wz[2] * s2
                 gx += sx[i] * wy[j] * e
                 gy += wx[i] * sy[j] * e

@@ -1,6 +1,6 @@
 """The forward kernels of one substep: explicit MLS-MPM with APIC transfers (Hu et al. 2018; paper Eq. 6 and 7).
 
-    p2g        particles -> momentum and mass of the nodes, elastic stress and body force included
+    p2g        particles -> momentum and mass of the nodes, elastic stress and forces included
     grid       nodal velocity: drag, Dirichlet nodes; empties the momentum grid for the next substep
     g2p        nodes -> particles: x, v, C, F of the next substep, and the flag of what went wrong
 
@@ -8,7 +8,8 @@ One source for CPU and CUDA, built once per law and scalar type. Stencil loops s
 compiles in seconds and the compiler unrolls what pays. Nodes hold 4-vectors: momentum or velocity, and a scalar.
 """
 
-# mypy: ignore-errors  (Warp's annotations are values)
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
 
 from collections.abc import Callable
 from functools import cache
@@ -68,11 +69,16 @@ def common(real: type) -> SimpleNamespace:
     return SimpleNamespace(**locals())
 
 
+def name(pass_: str, law: str, real: type, nodal: bool) -> str:
+    """Name of a Warp module, which names its files in the kernel cache."""
+    return f"{pass_}_{law}_{real.__name__}" + ("_nodal" if nodal else "")
+
+
 @cache
-def forward(law: str, real: type) -> SimpleNamespace:
-    """Kernels p2g, grid, g2p for a law's name and a Warp scalar type."""
+def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
+    """Kernels p2g, grid, g2p for a law's name and a Warp scalar type; `nodal`: a force density on the nodes acts too."""
     stress, _ = LAWS[law](real)
-    module = wp.get_module(f"diffphys_ros.simulate.forward_{law}_{real.__name__}")
+    module = wp.get_module(f"diffphys_ros.simulate.{name('forward', law, real, nodal)}")
     module.options |= OPTIONS
     kernel: Callable[..., Any] = wp.kernel(enable_backward=False, module=module)
     t = common(real)
@@ -93,6 +99,7 @@ def forward(law: str, real: type) -> SimpleNamespace:
         body: wp.array(dtype=vec3),
         volume: wp.array(dtype=real),
         mass: wp.array(dtype=real),
+        node_force: wp.array(dtype=vec3),
         # out:
         momentum: wp.array(dtype=vec4),
     ):
@@ -120,6 +127,10 @@ def forward(law: str, real: type) -> SimpleNamespace:
                 wp.atomic_add(momentum, n, wz[0] * (bj - f[2] * aj))
                 wp.atomic_add(momentum, n + 1, wz[1] * (bj + (real(1.0) - f[2]) * aj))
                 wp.atomic_add(momentum, n + 2, wz[2] * (bj + (real(2.0) - f[2]) * aj))
+                if wp.static(nodal):
+                    impulse = wx[i] * wy[j] * lattice.dt * volume[p]
+                    for k in range(3):
+                        wp.atomic_add(momentum, n + k, lift((impulse * wz[k]) * node_force[n + k], real(0.0)))
 
     @kernel
     def grid(

@@ -35,16 +35,17 @@ class Inputs:
     body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
     mass: Tensor  # [kg], shape (P,)
     keep: Tensor  # share of velocity kept over a substep, shape (1,)
+    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
 
     @classmethod
-    def zeros_like(cls, volume: Tensor) -> Inputs:
+    def zeros_like(cls, volume: Tensor, loaded_nodes: int) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
         count = len(volume)
-        return cls(*(volume.new_zeros(shape) for shape in ((count,), (count,), (count, 3), (count,), (1,))))
+        return cls(*(volume.new_zeros(s) for s in ((count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3))))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
-        return self.mu, self.lam, self.body, self.mass, self.keep
+        return self.mu, self.lam, self.body, self.mass, self.keep, self.node_force
 
     def copy_(self, values: tuple[Tensor, ...]) -> None:
         """Overwrite the fields in place."""
@@ -85,14 +86,15 @@ class Plan:
 class Replay:
     """Scratch memory and recorded launches for one set of particles, grid, law, scalar type and number of substeps."""
 
-    def __init__(self, volume: Tensor, mass_scale: float, grid: Grid, plan: Plan, *, period_s: float, law: str):
+    def __init__(self, volume: Tensor, mass_scale: float, grid: Grid, plan: Plan, *, period_s: float, law: str, nodal: bool):
         wp.init()
         self.plan, self.device, self.dtype = plan, volume.device, volume.dtype
-        self.real, self.law, self.particles = REAL[volume.dtype], law, len(volume)
+        self.real, self.particles = REAL[volume.dtype], len(volume)
+        self.variant = (law, self.real, nodal)
         self.lattice = self._lattice(grid, period_s / plan.substeps, mass_scale)
         self.nodes = math.prod(grid.size)
         self.volume = volume
-        self.inputs = Inputs.zeros_like(volume)
+        self.inputs = Inputs.zeros_like(volume, self.nodes * nodal)
         self.slots = volume.new_zeros(1, self.particles, WIDTH)  # grows to plan.slots with the first backward pass
         self.momentum, self.velocity = (volume.new_zeros(self.nodes, 4) for _ in range(2))
         self.flag = torch.full((1,), NO_FLAG, dtype=torch.int64, device=self.device)
@@ -115,6 +117,7 @@ class Replay:
 
     def forward(self, data: Tensor, values: tuple[Tensor, ...]) -> Tensor:
         """State (P, 24) after one frame."""
+        self._clear(self.momentum, self.velocity)
         self.inputs.copy_(values)
         self.slots[0].copy_(data)
         self.flag.fill_(NO_FLAG)
@@ -126,9 +129,7 @@ class Replay:
         self._make_room()
         self.inputs.copy_(values)
         self.state_bar.copy_(next_bar)
-        self.keep_bar.zero_()
-        for bar in self.inputs_bar.tensors():
-            bar.zero_()
+        self._clear(self.momentum, self.velocity, self.velocity_bar, self.keep_bar, *self.inputs_bar.tensors())
         self.slots[0].copy_(data)
         starts = range(0, self.plan.substeps, self.plan.chunk)
         self._place_marks(starts)
@@ -138,6 +139,12 @@ class Replay:
             self._reverse(start, min(start + self.plan.chunk, self.plan.substeps))
         self.inputs_bar.keep.copy_(self.keep_bar.sum())
         return self.state_bar.clone(), self.inputs_bar
+
+    @staticmethod
+    def _clear(*scratch: Tensor) -> None:
+        """Forget what an interrupted or diverged run left behind."""
+        for tensor in scratch:
+            tensor.zero_()
 
     def _place_marks(self, starts: range) -> None:
         for index, start in enumerate(starts):
@@ -180,15 +187,15 @@ class Replay:
         self.slots = zeros(self.plan.slots, self.particles, WIDTH)
         self.marks = zeros(self.plan.marks, self.particles, WIDTH)
         self.state_bar = zeros(self.particles, WIDTH)
-        self.inputs_bar = Inputs.zeros_like(self.volume)
+        self.inputs_bar = Inputs.zeros_like(self.volume, self.nodes * self.variant[2])
         self.velocity_bar, self.momentum_bar = (zeros(self.nodes, 4) for _ in range(2))
         self.keep_bar = zeros(self.nodes)
         self._forward = None
 
     def _record_forward(self) -> list[wp.Launch]:
-        k, see, state = forward(self.law, self.real), self._see, self._fields(self.slots)
+        k, see, state = forward(*self.variant), self._see, self._fields(self.slots)
         i = self.inputs
-        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass)]
+        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
         momentum, velocity = see(self.momentum, 4), see(self.velocity, 4)
         self._forward = [
             self._command(k.p2g, self.particles, [self.lattice, 0, *state, *material, momentum]),
@@ -198,11 +205,11 @@ class Replay:
         return self._forward
 
     def _record_adjoint(self) -> list[wp.Launch]:
-        k, see, state = adjoint(self.law, self.real), self._see, self._fields(self.slots)
+        k, see, state = adjoint(*self.variant), self._see, self._fields(self.slots)
         i, b = self.inputs, self.inputs_bar
         x_bar, v_bar, C_bar, F_bar = self._fields(self.state_bar)
-        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass)]
-        material_bar = [see(b.mu), see(b.lam), see(b.body, 3), see(b.mass)]
+        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
+        material_bar = [see(b.mu), see(b.lam), see(b.body, 3), see(b.mass), see(b.node_force, 3)]
         velocity, velocity_bar, momentum_bar = see(self.velocity, 4), see(self.velocity_bar, 4), see(self.momentum_bar, 4)
         to_grid = [self.lattice, 0, 0, *state, velocity, v_bar, C_bar, x_bar, F_bar, velocity_bar]
         at_grid = [see(i.keep), velocity, velocity_bar, momentum_bar, see(self.keep_bar)]

@@ -1,6 +1,7 @@
 """Quadratic B-spline weights along one axis, as Warp functions."""
 
-# mypy: ignore-errors  (Warp's annotations are values)
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
 
 from typing import Any
 

@@ -16,7 +16,8 @@ YOUNG_MARGIN = 1.5  # substeps are chosen for this times the stiffest Young's mo
 def wave_speed(young: np.ndarray | float, poisson: np.ndarray | float, density: np.ndarray | float) -> np.ndarray:
     """Speed of pressure waves [m/s] of an isotropic solid: sqrt(E (1 - nu) / ((1 + nu) (1 - 2 nu) rho))."""
     young, nu, rho = (np.asarray(a, float) for a in (young, poisson, density))
-    return np.sqrt(young * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * rho))
+    with np.errstate(divide="ignore", invalid="ignore"):  # callers check for finite speeds
+        return np.sqrt(young * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * rho))
 
 
 def substeps_per_frame(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from .laws import LAWS
 from .replay import Plan, Replay
 from .stability import max_young, raise_for_flag
 from .state import WIDTH, State
+
+FORCE_ON = ("particles", "nodes")
 
 AfterFrame = Callable[[State], State]
 
@@ -36,6 +39,14 @@ class _Frame(torch.autograd.Function):
         return None, data_bar, *(bar.clone() for bar in inputs_bar.tensors())
 
 
+def _check_name(kind: str, value: str, known: Iterable[str]) -> None:
+    if value not in known:
+        close = difflib.get_close_matches(value, list(known), 1, 0.4)
+        raise InputError(
+            f"{kind} {value!r} is unknown; " + (f"did you mean {close[0]!r}" if close else "choose one of " + ", ".join(known))
+        )
+
+
 class Simulator:
     """Explicit MLS-MPM of one body on one grid, differentiable frame by frame.
 
@@ -54,12 +65,16 @@ class Simulator:
         device: str = "cpu",
         dtype: torch.dtype = torch.float32,
         law: str = "neo_hookean",
+        force_on: str = "particles",
         memory_budget_mb: float = 256.0,
     ):
-        """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS. Raises InputError."""
-        if law not in LAWS:
-            close = difflib.get_close_matches(law, LAWS, 1, 0.4)
-            raise InputError(f"law {law!r} is unknown; choose {close[0] if close else 'one of ' + ', '.join(LAWS)!r}")
+        """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
+
+        `force_on` "particles" or "nodes" says where force densities live (paper Eq. 9: nodes). Node i receives
+        f(x_i) sum_p w_ip V_p and particle p receives f_p V_p: a uniform f adds up to f V either way. Raises InputError.
+        """
+        _check_name("law", law, LAWS)
+        _check_name("force_on", force_on, FORCE_ON)
         if substeps < 1:
             raise InputError(f"substeps is {substeps}, must be at least 1; choose it with substeps_per_frame")
         self.particles, self.grid, self.substeps, self.period_s = particles, grid, int(substeps), float(period_s)
@@ -71,7 +86,9 @@ class Simulator:
         self._check_reach()
         state_bytes = WIDTH * len(self.volume) * (torch.finfo(dtype).bits // 8)
         plan = Plan.within(memory_budget_mb * 2**20, substeps=self.substeps, state_bytes=state_bytes)
-        self.replay = Replay(self.volume, float(particles.mass.mean()), grid, plan, period_s=self.period_s, law=law)
+        self.nodal = force_on == "nodes"
+        mean_mass = float(particles.mass.mean())
+        self.replay = Replay(self.volume, mean_mass, grid, plan, period_s=self.period_s, law=law, nodal=self.nodal)
 
     def tensor(self, values: np.ndarray | Tensor) -> Tensor:
         """Values in the simulator's scalar type, on its device."""
@@ -98,7 +115,7 @@ class Simulator:
         """The state one frame later; differentiable with respect to every tensor.
 
         `young` [Pa], `poisson`, `density` [kg/m^3] (that of the particles where left out) have shape (P,) or (), `force`
-        is a density [N/m^3 of rest volume] of shape (P, 3), constant over the frame, `mass_damping` alpha [1/s] acts as
+        is a density [N/m^3 of rest volume] of shape (P, 3) (on nodes: (nx, ny, nz, 3)), constant over the frame, `mass_damping` alpha [1/s] acts as
         the force density -alpha rho v. `number` names the frame in errors. Raises SimulationError.
         """
         material = self._material(young, poisson, density)
@@ -174,9 +191,15 @@ class Simulator:
 
     def _step(self, state: State, material: tuple[Tensor, Tensor, Tensor], force: Tensor | None, keep: Tensor, number: int) -> State:
         mu, lam, density = material
-        body = density[:, None] * self.gravity
-        body = body if force is None else body + force
-        data = _Frame.apply(self.replay, state.data.contiguous(), mu, lam, body.contiguous(), density * self.volume, keep)
+        body, node_force = density[:, None] * self.gravity, self.volume.new_zeros(1, 3)
+        if force is not None and self.nodal:
+            node_force = force.reshape(-1, 3)
+        elif force is not None:
+            body = body + force
+        elif self.nodal:
+            node_force = node_force.expand(math.prod(self.grid.size), 3)
+        inputs = mu, lam, body, density * self.volume, keep, node_force
+        data = _Frame.apply(self.replay, state.data.contiguous(), *inputs)
         self._check_flag(number, material)
         return State(data)
 

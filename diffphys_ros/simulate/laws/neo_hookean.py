@@ -1,6 +1,7 @@
 """Compressible neo-Hookean solid: tau = mu (F F^T - I) + lam log(J) I (Bonet and Wood, eq. 6.28)."""
 
-# mypy: ignore-errors  (Warp's annotations are values)
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
 
 from typing import Any
 

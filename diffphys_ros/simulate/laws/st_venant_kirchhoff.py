@@ -1,6 +1,7 @@
 """St. Venant-Kirchhoff solid: P = F S, S = 2 mu E + lam tr(E) I, E = (F^T F - I) / 2; tau = F S F^T."""
 
-# mypy: ignore-errors  (Warp's annotations are values)
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
 
 from typing import Any
 

@@ -1,0 +1,152 @@
+"""Gradients of the simulator are those of the motion it computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from diffphys_ros.simulate import Simulator, State
+from diffphys_ros.simulate.laws import LAWS
+
+from . import twin
+from .bodies import block, simulator
+
+GRAVITY = (0.3, -9.81, 0.5)
+DT = 4e-4
+PARTS = {"x": (slice(0, 3), 0.02), "v": (slice(3, 6), 0.3), "C": (slice(6, 15), 2.0), "F": (slice(15, 24), 0.05)}  # and step
+NAMES = [*PARTS, "young", "poisson", "force", "mass_damping", "density"]
+
+
+@dataclass
+class Case:
+    """A deformed block in motion: inputs, and a scalar of the state one frame later."""
+
+    sim: Simulator
+    inputs: dict[str, Tensor]
+    weight: Tensor
+
+    def after(self, inputs: dict[str, Tensor]) -> State:
+        i = inputs
+        return self.sim.frame(State(i["state"]), i["young"], i["poisson"], i["force"], i["mass_damping"], density=i["density"])
+
+    def loss(self, inputs: dict[str, Tensor]) -> Tensor:
+        return (self.after(inputs).data * self.weight).sum()
+
+
+def case(substeps: int, *, law: str = "neo_hookean", budget_mb: float = 64.0, force_on: str = "particles") -> Case:
+    body = block((4, 3, 3), dx=0.02, per_cell=1.5, jitter=0.2)
+    options = {"law": law, "memory_budget_mb": budget_mb, "gravity": GRAVITY, "force_on": force_on}
+    sim = simulator(body, substeps=substeps, period_s=substeps * DT, **options)
+    rng, count = np.random.default_rng(1), len(sim.volume)
+    draw = lambda *shape: sim.tensor(rng.normal(size=shape))  # noqa: E731
+    state = sim.rest(v=0.3 * draw(count, 3), C=2 * draw(count, 3, 3), F=torch.eye(3) + 0.05 * draw(count, 3, 3))
+    inputs = {
+        "state": state.data,
+        "young": sim.tensor(rng.uniform(5e4, 2e5, count)),
+        "poisson": sim.tensor(rng.uniform(0.2, 0.4, count)),
+        "force": 3000 * draw(*((count, 3) if force_on == "particles" else (*sim.grid.size, 3))),
+        "mass_damping": sim.tensor(0.7),
+        "density": sim.tensor(rng.uniform(800, 1200, count)),
+    }
+    scale = sim.tensor(np.repeat([100.0, 1.0, 0.01, 1.0], [3, 3, 9, 9]))
+    return Case(sim, {k: v.clone().requires_grad_() for k, v in inputs.items()}, draw(count, 24) * scale)
+
+
+def direction(given: Case, name: str) -> tuple[str, Tensor]:
+    """The input that holds `name`, and a random direction in it about as large as the input itself."""
+    rng = np.random.default_rng(2)
+    if name not in PARTS:
+        value = given.inputs[name].detach()
+        return name, given.sim.tensor(rng.normal(size=value.shape)) * value.abs().mean()
+    part, scale = PARTS[name]
+    step = torch.zeros_like(given.inputs["state"])
+    step[:, part] = given.sim.tensor(rng.normal(size=step[:, part].shape)) * scale
+    return "state", step
+
+
+def relative_error(given: Case, name: str) -> float:
+    """Of the gradient along a direction against the best of three central differences."""
+    key, step = direction(given, name)
+    (gradient,) = torch.autograd.grad(given.loss(given.inputs), given.inputs[key])
+    exact, errors = float((gradient * step).sum()), []
+    for size in (1e-3, 1e-4, 1e-5):
+        with torch.no_grad():
+            up, down = (float(given.loss({**given.inputs, key: given.inputs[key] + sign * size * step})) for sign in (1, -1))
+        errors.append(abs((up - down) / (2 * size) - exact) / abs(exact))
+    return min(errors)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("substeps", [1, 100])
+def test_the_gradient_of_a_frame_equals_central_differences(substeps, name):
+    assert relative_error(case(substeps), name) < 1e-5
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if law != "neo_hookean"])
+def test_every_law_has_the_gradient_of_its_stress(law):
+    given = case(6, law=law)
+    assert max(relative_error(given, name) for name in ("F", "young", "poisson")) < 1e-5
+
+
+def test_the_gradient_through_forces_on_nodes_equals_central_differences():
+    given = case(5, force_on="nodes")
+    assert max(relative_error(given, name) for name in ("x", "force")) < 1e-5
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_one_substep_and_its_gradients_equal_the_torch_twin(law):
+    given = case(1, law=law)
+    i, sim = given.inputs, given.sim
+    rest = {k: i[k] for k in ("young", "poisson", "density", "force", "mass_damping")}
+    expected = twin.substep(State(i["state"]), sim.grid, DT, law=law, volume=sim.volume, gravity=sim.gravity, **rest)
+    ours = given.after(i)
+    torch.testing.assert_close(ours.data, expected.data, rtol=1e-11, atol=1e-12)
+    gradients = [torch.autograd.grad((s.data * given.weight).sum(), list(i.values())) for s in (ours, expected)]
+    for mine, reference in zip(*gradients, strict=True):
+        torch.testing.assert_close(mine, reference, rtol=1e-9, atol=1e-11 * float(reference.abs().max()))
+
+
+def test_replaying_in_chunks_gives_the_same_gradient_as_keeping_every_state():
+    gradients = []
+    for budget in (64.0, 0.0):
+        given = case(23, budget_mb=budget)
+        gradients.append(torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values())))
+    assert all(torch.equal(a, b) for a, b in zip(*gradients, strict=True))
+
+
+def test_gradients_reach_the_first_frame_through_a_rollout():
+    given = case(8)
+    i, sim = given.inputs, given.sim
+    force = torch.zeros(4, len(sim.volume), 3, dtype=torch.float64)
+    force[0] = i["force"].detach()
+
+    def tip(young: Tensor, push: Tensor) -> Tensor:
+        path = sim.rollout(sim.rest(), young, i["poisson"], torch.cat([push, force[1:]]), i["mass_damping"])
+        return 1e6 * (path.x[-1] - sim.x_rest)[-1].sum()
+
+    young, push = i["young"].detach().requires_grad_(), force[:1].clone().requires_grad_()
+    along_young, along_push = torch.autograd.grad(tip(young, push), (young, push))
+    with torch.no_grad():
+        stiffer, softer = (float(tip(young * (1 + s), push)) for s in (1e-3, -1e-3))
+        harder, lighter = (float(tip(young, push * (1 + s))) for s in (1e-3, -1e-3))
+    assert float((along_young * young.detach()).sum()) == pytest.approx((stiffer - softer) / 2e-3, rel=1e-5)
+    assert float((along_push * push.detach()).sum()) == pytest.approx((harder - lighter) / 2e-3, rel=1e-5)
+
+
+def test_single_precision_gradients_agree_with_double():
+    results = []
+    for dtype in (torch.float32, torch.float64):
+        body = block((6, 3, 3), dx=0.02, per_cell=1.5)
+        sim = simulator(body, substeps=60, period_s=1 / 30, gravity=GRAVITY, dtype=dtype)
+        young = torch.full_like(sim.volume, 1e5, requires_grad=True)
+        force = torch.full_like(sim.x_rest, 500.0, requires_grad=True)
+        state = sim.rest()
+        for _ in range(3):
+            state = sim.frame(state, young, sim.tensor(0.3), force, 0.2)
+        results.append(torch.autograd.grad((state.x - sim.x_rest).square().sum(), (young, force)))
+    for single, double in zip(*results, strict=True):
+        assert torch.linalg.vector_norm(single - double) < 0.01 * torch.linalg.vector_norm(double)

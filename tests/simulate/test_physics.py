@@ -1,0 +1,145 @@
+"""The simulated motion obeys mechanics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from diffphys_ros.simulate import State, substeps_per_frame
+from diffphys_ros.simulate.laws import LAWS
+
+from .bodies import block, full, masses, simulator
+
+PERIOD_S = 1 / 30
+
+
+def random_motion(sim, seed: int = 0) -> State:
+    """A free block that flies, spins and shears."""
+    rng = np.random.default_rng(seed)
+    spin = sim.tensor(rng.normal(size=(3, 3)) * 2)
+    return sim.rest(v=sim.tensor([0.2, -0.1, 0.1]) + sim.x_rest @ spin.T, C=spin.expand(len(sim.volume), 3, 3))
+
+
+def angular_momentum(sim, state: State) -> torch.Tensor:
+    """About the origin; a particle's affine motion carries m dx^2/4 C (quadratic splines)."""
+    mass, affine = masses(sim), sim.grid.dx**2 / 4
+    skew = state.C - state.C.mT
+    own = affine * torch.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], -1)
+    return (mass[:, None] * (torch.linalg.cross(state.x, state.v) + own)).sum(0)
+
+
+def energy(sim, state: State, young: float) -> float:
+    """Kinetic, of particles and their affine motion, and neo-Hookean [J]."""
+    nu = sim.particles.poisson[0]
+    mu, lam = young / (2 * (1 + nu)), young * nu / ((1 + nu) * (1 - 2 * nu))
+    log_j = torch.log(torch.det(state.F))
+    elastic = mu / 2 * (state.F.square().sum((1, 2)) - 3) - mu * log_j + lam / 2 * log_j**2
+    kinetic = state.v.square().sum(1) / 2 + sim.grid.dx**2 / 8 * state.C.square().sum((1, 2))
+    return float((sim.volume * elastic + masses(sim) * kinetic).sum())
+
+
+def test_a_free_body_falls_along_a_parabola():
+    sim = simulator(block((3, 3, 3), dx=0.02, clamped=False, margin=8), substeps=40, period_s=PERIOD_S, gravity=(0, 0, -9.81))
+    path = sim.rollout(sim.rest(), full(sim, 1e5), full(sim, 0.3), torch.zeros(4, *sim.x_rest.shape), 0.0)
+    t = torch.arange(5, dtype=torch.float64) * PERIOD_S
+    fallen = (path.x - sim.x_rest)[..., 2]
+    expected = (-9.81 / 2 * t * (t + PERIOD_S / 40)).to(fallen)  # symplectic Euler's exact sum
+    torch.testing.assert_close(fallen, expected[:, None].expand_as(fallen), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_linear_and_angular_momentum_of_a_free_body_are_kept(law):
+    sim = simulator(block((3, 2, 2), dx=0.02, clamped=False, margin=5, jitter=0.1), substeps=60, period_s=PERIOD_S, law=law)
+    start = random_motion(sim)
+    after = sim.frame(start, full(sim, 5e4), full(sim, 0.3), None, 0.0)
+    mass = masses(sim)[:, None]
+    torch.testing.assert_close((mass * after.v).sum(0), (mass * start.v).sum(0), rtol=1e-11, atol=1e-14)
+    torch.testing.assert_close(angular_momentum(sim, after), angular_momentum(sim, start), rtol=1e-10, atol=1e-14)
+    assert (after.F - torch.eye(3)).abs().max() > 0.01, "the body must have deformed for this to mean anything"
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_rotated_body_is_free_of_stress(law):
+    sim = simulator(block((3, 3, 3), dx=0.02, clamped=False, margin=5), substeps=30, period_s=PERIOD_S, law=law)
+    turn = torch.linalg.matrix_exp(sim.tensor([[0.0, -0.7, 0.2], [0.7, 0.0, -0.4], [-0.2, 0.4, 0.0]]))
+    state = sim.rest(x=sim.x_rest @ turn.T, F=turn.expand(len(sim.volume), 3, 3))
+    after = sim.frame(state, full(sim, 1e5), full(sim, 0.3), None, 0.0)
+    torch.testing.assert_close(after.data, state.data, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("force_on", ["particles", "nodes"])
+@pytest.mark.parametrize("offset", [0.0, 0.13, 0.5, 0.77])
+def test_a_uniform_force_density_adds_up_to_force_times_volume(offset, force_on):
+    body = block((4, 3, 2), dx=0.02, clamped=False, margin=4, offset=offset, jitter=0.2)
+    sim = simulator(body, substeps=20, period_s=PERIOD_S, force_on=force_on)
+    density = sim.tensor([30.0, -200.0, 90.0])
+    shape = sim.x_rest.shape if force_on == "particles" else (*sim.grid.size, 3)
+    after = sim.frame(sim.rest(), full(sim, 2e4), full(sim, 0.3), density.expand(shape), 0.0)
+    gained = (masses(sim)[:, None] * after.v).sum(0)
+    torch.testing.assert_close(gained, density * sim.volume.sum() * PERIOD_S, rtol=1e-6, atol=0)
+
+
+def test_mass_damping_slows_a_free_body_exponentially():
+    sim = simulator(block((2, 2, 2), dx=0.02, clamped=False, margin=5), substeps=25, period_s=PERIOD_S)
+    after = sim.frame(sim.rest(v=torch.ones_like(sim.x_rest) * 0.3), full(sim, 1e5), full(sim, 0.3), None, 4.0)
+    torch.testing.assert_close(after.v, torch.full_like(after.v, 0.3 * math.exp(-4.0 * PERIOD_S)))
+
+
+def test_energy_of_a_clamped_vibration_falls_slowly_and_as_damping_says():
+    young, alpha, frames = 2e5, 1.5, 12
+    sim = simulator(block((20, 4, 4), dx=0.015, per_cell=1.5), substeps=73, period_s=PERIOD_S)
+    force = torch.zeros(frames, *sim.x_rest.shape)
+    left = []
+    for rate in (0.0, alpha):
+        path = sim.rollout(sim.rest(v=first_mode(sim, 0.3)), full(sim, young), full(sim, 0.3), force, rate)
+        left.append(energy(sim, State(path.data[-1]), young) / energy(sim, State(path.data[1]), young))
+    assert 0.93 < left[0] < 1.0
+    assert left[1] / left[0] == pytest.approx(math.exp(-alpha * (frames - 1) * PERIOD_S), rel=0.05)
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_cantilever_of_four_cells_vibrates_within_4_percent_of_timoshenko(axis):
+    length, height, young, nu, rho, dx = 0.3, 0.06, 2e5, 0.3, 1000.0, 0.015
+    substeps = substeps_per_frame(young, nu, rho, dx=dx, period_s=PERIOD_S, margin=1.0)
+    sim = simulator(block((20, 4, 4), dx=dx, per_cell=1.5), substeps=substeps, period_s=PERIOD_S, dtype=torch.float32)
+    with torch.no_grad():
+        path = sim.rollout(
+            sim.rest(v=first_mode(sim, length, axis)), full(sim, young), full(sim, nu), torch.zeros(40, *sim.x_rest.shape), 0.0
+        )
+    tip = sim.x_rest[:, 0] > length - dx
+    swing = (path.x - sim.x_rest)[:, tip, axis].mean(1).double().numpy()
+    ratio = frequency(swing, PERIOD_S) / timoshenko(length, height, young, nu, rho)
+    assert 0.96 < ratio < 1.005
+
+
+def first_mode(sim, length: float, axis: int = 1) -> torch.Tensor:
+    """Velocities (P, 3) close to a cantilever's first bending mode, 5 cm/s at the tip."""
+    s, v = sim.x_rest[:, 0] / length, torch.zeros_like(sim.x_rest)
+    v[:, axis] = 0.05 * s**2 * (6 - 4 * s + s**2) / 3
+    return v
+
+
+def timoshenko(length: float, height: float, young: float, nu: float, rho: float) -> float:
+    """First frequency [Hz] of a cantilever of square section: Euler-Bernoulli with the leading correction for rotary
+    inertia and shear (Dunkerley's sum of flexibilities)."""
+    inertia, area, shear = height**4 / 12, height**2, young / (2 * (1 + nu)) * 10 * (1 + nu) / (12 + 11 * nu)
+    bending = 1.875104**2 / length**2 * math.sqrt(young * inertia / (rho * area))
+    slide = math.pi / (2 * length) * math.sqrt(shear / rho)
+    rotary = 1 + (height**2 / 12) * 4.65 / length**2  # int phi'^2 / int phi^2 of the first mode = 4.65 / L^2
+    return (bending**-2 * rotary + slide**-2) ** -0.5 / (2 * math.pi)
+
+
+def frequency(signal: np.ndarray, period_s: float) -> float:
+    """Frequency [Hz] of the decaying sine that fits best, by q[k+1] + q[k-1] = a q[k] around it and a line search."""
+    t = np.arange(len(signal)) * period_s
+
+    def misfit(hz: float) -> float:
+        basis = np.stack([np.sin(2 * np.pi * hz * t), np.cos(2 * np.pi * hz * t)], 1)
+        basis = np.concatenate([basis, basis * t[:, None]], 1)
+        return float(np.linalg.norm(signal - basis @ np.linalg.lstsq(basis, signal, rcond=None)[0]))
+
+    grid = np.linspace(0.8, 2.5, 1701)
+    return float(grid[np.argmin([misfit(hz) for hz in grid])])
