@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffphys_ros import config, result
+from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
-from diffphys_ros.types import Clip, Recovery
+from diffphys_ros.modes.model import ModalModel
+from diffphys_ros.recover.prepare import Prepared
+from diffphys_ros.types import Body, Clip, Recovery, StartValues, Tracks
 
 
 def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
@@ -112,3 +114,75 @@ def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recove
     played = reader.read_ros2_messages(str(tmp_path / result.RECORDING), topics=["/fit_node/net_force"])
     force = [[m.ros_msg.wrench.force.x, m.ros_msg.wrench.force.y, m.ros_msg.wrench.force.z] for m in played]
     np.testing.assert_allclose(force, made_recovery.net_force(), rtol=1e-5, atol=1e-9)
+
+
+@pytest.fixture
+def made_prepared(made_clip: Clip) -> Prepared:
+    rng = np.random.default_rng(0)
+    frames, parts, modes, points = len(made_clip), 2, 3, 7
+    nodes = rng.normal(size=(20, 3))
+    model = ModalModel(
+        nodes=nodes,
+        tets=rng.integers(0, 20, (4, 10)),
+        part=np.array([1, 1, 2, 2]),
+        basis=rng.normal(size=(20, 3, modes)),
+        stiffness=rng.normal(size=(parts, modes, modes)),
+        geometric=np.zeros((modes, modes)),
+        gravity_load=np.zeros(modes),
+        reference=np.array([1e5, 2e4]),
+    )
+    start = StartValues(
+        young=np.array([1e5, 2e4]),
+        log10_young_sd=np.array([0.02, 0.03]),
+        mass_damping=0.1,
+        stiffness_damping=1e-3,
+        forced=np.arange(frames) < 5,
+        force_family="uniform",
+        footprint=np.zeros(0),
+        force=rng.normal(size=(frames, 3)),
+        initial_displacement=np.zeros(modes),
+        initial_velocity=np.zeros(modes),
+        frequencies_hz=np.array([2.0, 5.0, 9.0]),
+        observed_hz=np.array([2.1]),
+        decay_per_s=np.array([0.3]),
+        residual_m=1e-4,
+        track_cost=0.01,
+        identified=np.array([True, False]),
+        reasons=("seen", "hardly strains"),
+        has_free_tail=True,
+    )
+    tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
+    body = Body(
+        np.eye(4),
+        np.ones((4, 3), bool),
+        np.zeros(2),
+        0.01,
+        np.full((4, 3), 0.02),
+        np.ones((4, 3), np.uint8),
+        np.array([500.0, 400.0]),
+        np.array([0.3, 0.3]),
+        np.zeros(3),
+        True,
+        {"density": "mass_kg"},
+    )
+    return Prepared(made_clip, np.ones((2, 2), np.float32), "depth topic", tracks, body, start, model)
+
+
+def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepared: Prepared) -> None:
+    settings = config.build({"scene.at_rest": True, "scene.first_mask": "/somewhere/mask0.png"})
+    path = result.save_prepared(tmp_path / "clip.npz", made_prepared, settings)
+    back = result.load_prepared(path)
+    assert store.save(tmp_path / "again.npz", back).read_bytes() == store.save(tmp_path / "first.npz", made_prepared).read_bytes()
+    assert back.body.sources == {"density": "mass_kg"}
+    np.testing.assert_array_equal(back.modal.frequencies(back.start.young), made_prepared.modal.frequencies(made_prepared.start.young))
+
+
+def test_a_prepared_clip_brings_its_settings(tmp_path: Path, made_prepared: Prepared) -> None:
+    path = result.save_prepared(tmp_path / "clip.npz", made_prepared, config.build({"scene.at_rest": True, "fit.image_weight": 0.7}))
+    settings = config.layered(flags={"fit.image_weight": 0.5}, base=result.stored_settings(path))
+    assert (settings.scene.at_rest, settings.fit.image_weight) == (True, 0.5)
+
+
+def test_a_recovery_is_no_prepared_clip(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    with pytest.raises(InputError, match="diffphys ingest"):
+        result.load_prepared(result.save(made_recovery, made_clip, config.Settings(), tmp_path))
