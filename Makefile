@@ -32,7 +32,6 @@ test: setup
 
 lint: setup
 	$(PY) -m ruff check .
-	$(PY) -m ruff format --check scripts diffphys_ros
 	$(PY) -m mypy diffphys_ros
 
 bench: setup
