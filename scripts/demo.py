@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
+
+from processes import PROGRAMS, last_lines, module, node, shown, start, stop
 
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
@@ -25,7 +26,6 @@ OUT = Path("out/demo")
 BUDGET_S = 150.0  # of the fit
 LIMIT_S = 360.0  # of everything
 FILES_S = 60.0  # for the last file after the last message
-PROGRAMS = Path(sys.executable).parent
 
 YOUNG, RATIO, COSINE, FALSE_FORCE, GAIN_DB = 0.15, 0.12, 0.95, 0.05, 8.0  # bounds, shares and dB
 
@@ -51,57 +51,37 @@ def main() -> int:
 
 def play(sample: Path, began: float) -> bool:
     """fit_node on the sample and a subscriber beside it, as two processes; whether both ended well."""
-    fit = [str(PROGRAMS / "fit_node"), "--ros-args"]
-    for name, value in (("bag", sample / "clip.mcap"), ("config", sample / "given.yaml"), ("out", OUT), ("fit.time_budget_s", BUDGET_S)):
-        fit += ["-p", f"{name}:={value}"]
-    listen = [sys.executable, "-m", "diffphys_ros.nodes.listen", "--node", "fit_node"]
+    given = {"bag": sample / "clip.mcap", "config": sample / "given.yaml", "out": OUT, "fit.time_budget_s": BUDGET_S}
+    fit, listen = node("fit_node", given), module("diffphys_ros.nodes.listen", "--node", "fit_node")
     log = OUT.with_suffix(".log")
     print(f"$ {shown(fit)}\n$ {shown(listen)}\n", flush=True)
     with log.open("w") as output:
-        node = subprocess.Popen(fit, stdout=output, stderr=subprocess.STDOUT, env=environment())
-        robot = subprocess.Popen(listen, env=environment())
+        running = {"fit_node": start(fit, output), "the subscriber": start(listen)}
         try:
-            fault = watch(node, robot, began)
+            fault = watch(*running.values(), began)
         finally:
-            ended = {name: stop(process) for name, process in (("the subscriber", robot), ("fit_node", node))}
-    faults = [fault, *(f"{name} ended with status {status}" for name, status in ended.items() if status)]
-    for text in filter(None, faults):
+            ended = {name: stop(process) for name, process in reversed(running.items())}
+    faults = [text for text in (fault, *(f"{name} ended with status {status}" for name, status in ended.items() if status)) if text]
+    for text in faults:
         print(f"demo: {text}", file=sys.stderr)
-    if any(faults):
-        print(f"demo: the last lines of {log}:", *log.read_text().splitlines()[-20:], sep="\n  ", file=sys.stderr)
-    return not any(faults)
+    if faults:
+        print(f"demo: {last_lines(log)}", file=sys.stderr)
+    return not faults
 
 
-def watch(node: subprocess.Popen, robot: subprocess.Popen, began: float) -> str:
+def watch(fit: subprocess.Popen, robot: subprocess.Popen, began: float) -> str:
     """Waits for the subscriber to have everything and for the last file; what went wrong, or nothing."""
     while robot.poll() is None:
-        if node.poll() is not None:
+        if fit.poll() is not None:
             return "fit_node ended before the subscriber had its answer"
         if time.monotonic() - began > LIMIT_S:
             return f"not done after {LIMIT_S:.0f} s"
         time.sleep(0.1)
     until = time.monotonic() + FILES_S
-    while not (OUT / result.FIGURE).exists() and node.poll() is None and time.monotonic() < until:
+    while not (OUT / result.FIGURE).exists() and fit.poll() is None and time.monotonic() < until:
         time.sleep(0.1)
     missing = [name for name in (result.RECOVERY, result.RECORDING, result.RERUN, result.FIGURE) if not (OUT / name).exists()]
     return f"{', '.join(missing)} not written" if missing else ""
-
-
-def stop(process: subprocess.Popen) -> int:
-    """Asks a process to end as Ctrl-C does; its exit status."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    try:
-        return process.wait(20)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        return process.wait()
-
-
-def environment() -> dict[str, str]:
-    """The environment of both processes: a ROS domain of their own on this machine, unless the user chose one."""
-    own = {"ROS_DOMAIN_ID": str(1 + os.getpid() % 100), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"}
-    return own | os.environ
 
 
 def overlay_truth(sample: Path, metrics: dict[str, Any]) -> None:
@@ -167,11 +147,6 @@ def print_places() -> None:
         (OUT / result.METRICS, "every figure"),
     ):
         print(f"  {place!s:44}  {words}")
-
-
-def shown(command: list[str]) -> str:
-    """A command line with paths as a person would type them."""
-    return " ".join(word.replace(f"{Path.cwd()}/", "") for word in command)
 
 
 if __name__ == "__main__":

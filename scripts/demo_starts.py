@@ -12,7 +12,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from demo import BUDGET_S, PROGRAMS, shown
+from demo import BUDGET_S
+from processes import PROGRAMS, shown
 
 from diffphys_ros import result
 from diffphys_ros.bags.sample import sample_folder
