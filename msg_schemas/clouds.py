@@ -68,3 +68,8 @@ def unpack(cloud: Any) -> np.ndarray:
         "offsets": [f["offset"] for f in fields], "itemsize": get("point_step"),
     })  # fmt: skip
     return np.ndarray((height, width), record, data, strides=(get("row_step"), get("point_step")))
+
+
+def xyz(points: np.ndarray, prefix: str = "") -> np.ndarray:
+    """Fields x y z (or fx fy fz with prefix "f") of a structured array (...) as float64 (..., 3)."""
+    return np.stack([points[prefix + axis].astype(float) for axis in "xyz"], -1)

@@ -42,9 +42,14 @@ def image(head: Mapping[str, Any], pixels: np.ndarray, encoding: str) -> dict[st
         "width": pixels.shape[1],
         "encoding": encoding,
         "is_bigendian": 0,
-        "step": pixels.nbytes // pixels.shape[0],
+        "step": pixels.nbytes // max(pixels.shape[0], 1),
         "data": pixels.tobytes(),
     }
+
+
+def no_image(head: Mapping[str, Any]) -> dict[str, Any]:
+    """sensor_msgs/Image without a pixel: says that none will come."""
+    return image(head, np.zeros((0, 0), np.uint8), "mono8")
 
 
 def camera_info(head: Mapping[str, Any], camera: Camera) -> dict[str, Any]:

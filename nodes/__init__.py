@@ -1,0 +1,1 @@
+"""Thin rclpy nodes over the library; the only place that imports rclpy."""

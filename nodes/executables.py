@@ -1,0 +1,96 @@
+"""The console scripts: one per node. They answer signals before anything heavy is imported."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, NoReturn
+
+BAD_INPUT = 2
+SPIN_S = 0.1  # longest wait between two looks at the signal
+
+
+class _Stop:
+    """SIGINT and SIGTERM: the first one ends the process with status 0, later ones must not disturb the clean-up."""
+
+    wanted = False
+    spinning = False
+
+    def __init__(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self)
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.deafen()
+        self.wanted = True
+        if not self.spinning:  # imports take seconds; there is nothing to clean up yet
+            leave(0)
+
+    @staticmethod
+    def deafen() -> None:
+        """Ignore signals from here on."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def leave(status: int) -> NoReturn:
+    """End the process without the interpreter's finalisation: a solver thread may be inside native code."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def run(module: str, name: str) -> NoReturn:
+    """Imports the node class `name` late, spins it until a signal comes and ends the process.
+
+    Status 0 after a signal, 2 for bad input (one sentence on stderr), 1 for an error of the program.
+    """
+    stop, status = _Stop(), 0
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from diffphys_ros.errors import InputError
+
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = None
+    try:
+        node = getattr(importlib.import_module(module), name)()
+        _spin(node, stop)
+    except InputError as error:
+        status = BAD_INPUT
+        print(f"{name}: {error}", file=sys.stderr)
+    except Exception:
+        status = 1
+        sys.excepthook(*sys.exc_info())
+    finally:
+        stop.deafen()
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+        leave(status)
+
+
+def _spin(node: Any, stop: _Stop) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    stop.spinning = True
+    while not stop.wanted:
+        executor.spin_once(timeout_sec=SPIN_S)
+
+
+def _script(module: str, name: str) -> Callable[[], NoReturn]:
+    return lambda: run(f"diffphys_ros.nodes.{module}", name)
+
+
+ingest_node = _script("ingest_node", "IngestNode")
+segment_node = _script("segment_node", "SegmentNode")
+splat_node = _script("splat_node", "SplatNode")
+fit_node = _script("fit_node", "FitNode")
+inspect_node = _script("inspect_node", "InspectNode")

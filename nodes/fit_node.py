@@ -1,0 +1,182 @@
+"""fit_node: a bag, or the other nodes' clip, masks and splats in; stiffness and force fields out."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from diffphys_ros import config
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import TOPICS, fields, messages
+from diffphys_ros.msg_schemas.recording import results
+from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
+
+from .clip_stage import ClipStage
+from .clip_topics import ClipBuffer
+from .convert import message_class, to_ros
+from .parameters import Own
+from .playback import Playback
+from .qos import profile
+from .splat_topic import splats_of
+from .worker import FAILED, Job
+
+OWN = (
+    Own("bag", "", "recording to recover from instead of topics: MCAP file, rosbag2 folder, video or image folder"),
+    Own("out", "", "folder for recovery.npz, recovery.mcap, recovery.rrd and figures; empty: none are written"),
+)
+SPLATS, PROGRESS, QUALITY = "splats", "~/progress", "~/quality"
+Steps = Generator[Any, None, Any]
+
+
+class Published:
+    """What the worker hands over when a recovery is there: every latched message, converted already."""
+
+    def __init__(self, answer: fields.Answer) -> None:
+        self.answer = answer
+        self.messages = [("~" + m.topic.removeprefix("/fit_node"), to_ros(m.type_name, m.fields)) for m in results(answer)]
+
+
+class FitNode(ClipStage):
+    """Runs the inverse solver in one worker thread, latches the fields and plays the recovered motion."""
+
+    def __init__(self) -> None:
+        self.splats: Any = None
+        self.playback: Playback | None = None
+        self.loss: float | None = None
+        super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
+        self.bag = self.parameters["bag"]
+        for name, answer in (("fit", self._on_fit), ("cancel", self._on_cancel)):
+            self.create_service(Trigger, f"~/{name}", answer)
+        if self.parameters["out"]:
+            from diffphys_ros.result import check_writable
+
+            check_writable(self.parameters["out"])
+        if self.bag:
+            self._start()
+        else:
+            self.listen()
+            topic = TOPICS[SPLATS]
+            self.create_subscription(message_class(topic.type_name), SPLATS, self._on_splats, profile(topic))
+
+    def waiting_for(self) -> str:
+        if not self.listens or self.complete:
+            return ""
+        return super().waiting_for() or ("" if self.splats is not None else SPLATS)
+
+    def health(self) -> dict[str, Any]:
+        reference = None if self.playback is None else self.playback.answer.reference_text
+        return {"loss": self.loss, "playing": self.playback is not None, "net_force_reference": reference}
+
+    def job(self) -> Job:
+        settings, out = self.parameters.settings(), self.parameters["out"]
+        if self.bag:
+            return lambda: _recover(_from_bag(self.bag, settings), settings, out)
+        buffer, splats = self.buffer, self.splats
+        return lambda: _recover(_from_topics(buffer, splats, settings), settings, out)
+
+    def on_news(self, news: Any) -> None:
+        if isinstance(news, Published):
+            self._publish(news)
+            return
+        self.loss = news.loss if news.loss is not None else self.loss
+        self._say(stage=news.stage, iteration=news.iteration, iterations=news.iterations, loss=news.loss, seconds_left=news.seconds_left, text=news.text)
+
+    def on_done(self, left_out: list[str]) -> None:
+        for sentence in left_out:
+            self.get_logger().warning(sentence)
+        self._say(stage="done", loss=self.loss, text=f"results in {self.parameters['out']}" if self.parameters["out"] else "fields are latched")
+
+    def on_failed(self, reason: str) -> None:
+        super().on_failed(reason)
+        failed = self.state == FAILED
+        self._say(stage=self.state, text=reason, level=messages.ERROR if failed else messages.WARN)
+        if failed and self.playback is None:
+            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason))
+
+    def _say(self, *, text: str = "", **news: Any) -> None:
+        if text:
+            self.get_logger().info(f"{news['stage']}: {text}")
+        self.send(PROGRESS, fields.progress(self.now_ns(), text=text, **news))
+
+    def _publish(self, published: Published) -> None:
+        for name, message in published.messages:
+            self.send(name, message)
+        self._stop_playback()
+        settings = self.parameters.settings()
+        self.playback = Playback(self, published.answer, settings.playback)
+
+    def _stop_playback(self) -> None:
+        if self.playback is not None:
+            self.playback.stop()
+            self.playback = None
+
+    def _start(self) -> bool:
+        if not self.worker.start(self.job()):
+            return False
+        self.complete, self.state, self.loss = True, "working", None
+        return True
+
+    def _on_splats(self, message: Any) -> None:
+        self.note_input()
+        try:
+            self.splats = splats_of(message)
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return
+        self.begin()
+
+    def _on_fit(self, request: Any, response: Any) -> Any:
+        missing = "" if self.bag else self.buffer.missing(masks=True) or ("" if self.splats is not None else SPLATS)
+        try:
+            response.success = not missing and self._start()
+            response.message = "fit begun" if response.success else f"still waiting for {missing}" if missing else "a fit is running; call ~/cancel first"
+        except InputError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_cancel(self, request: Any, response: Any) -> Any:
+        response.success = self.worker.busy
+        self.worker.cancel()
+        response.message = "ends at its next step" if response.success else "no fit is running"
+        return response
+
+    def forget(self) -> None:
+        self.splats = None
+        super().forget()
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        self._stop_playback()
+        self.advertise(*RESULTS, *PLAYED)
+        response = super()._reset(request, response)
+        if self.bag:
+            response.message = "forgotten; ~/fit reads the bag again"
+            self.complete = True
+        return response
+
+
+def _from_bag(bag: str, settings: config.Settings) -> Steps:
+    from diffphys_ros.recover import run
+
+    return (yield from run(Path(bag), settings))
+
+
+def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings) -> Steps:
+    from diffphys_ros.recover import prepare, solve
+
+    prepared = yield from prepare(buffer.clip(), settings)
+    recovery = yield from solve(prepared, splats, settings)
+    return prepared, splats, recovery
+
+
+def _recover(steps: Steps, settings: config.Settings, out: str) -> Generator[Any, None, list[str]]:
+    """News, then what is to be published, then the files; returns what was left out, one sentence each."""
+    prepared, splats, recovery = yield from steps
+    yield Published(fields.answer(recovery, prepared.clip, settings))
+    if not out:
+        return []
+    from diffphys_ros.result import write_all
+
+    return write_all(recovery, prepared.clip, settings, out, splats=splats)

@@ -1,0 +1,122 @@
+"""inspect_node: everything that the other nodes say, into a rerun recording or viewer."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from diffphys_ros.bags.read import decoded
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import TOPICS, clouds, messages
+
+from .clip_topics import ClipBuffer
+from .convert import message_class, stamp_ns
+from .parameters import Own
+from .qos import profile
+from .splat_topic import splats_of
+from .stage import StageNode
+
+OWN = (
+    Own("file", "", "rerun recording (.rrd) to write; its folder must exist"),
+    Own("viewer", "", "rerun viewer to stream to: a grpc URL, or 'spawn' for a new one"),
+    Own("fit_node", "fit_node", "name of the fit node to look at"),
+)
+
+
+class InspectNode(StageNode):
+    """Logs clip, masks, splats and the results of a fit node; needs `file` or `viewer`."""
+
+    def __init__(self) -> None:
+        super().__init__("inspect_node", OWN)
+        from diffphys_ros.report.rerun_log import Stream
+
+        self.stream = Stream(**self._sink())
+        self.buffer = ClipBuffer()
+        self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
+        for name, show in self._views().items():
+            topic = TOPICS[name]
+            absolute = name.replace("~", self.parameters["fit_node"], 1)
+            self.create_subscription(message_class(topic.type_name), absolute, partial(self._take, name, show), profile(topic))
+
+    def close(self) -> None:
+        super().close()
+        self.stream.close()
+
+    def health(self) -> dict[str, Any]:
+        return {"frames": len(self.buffer.images)}
+
+    def _sink(self) -> dict[str, str]:
+        file, viewer = self.parameters["file"], self.parameters["viewer"]
+        if bool(file) == bool(viewer):
+            raise InputError("parameters of inspect_node: give either file (an .rrd to write) or viewer ('spawn' or a grpc URL)")
+        if file and not Path(file).resolve().parent.is_dir():
+            raise InputError(f"parameters of inspect_node: file {file}: its folder does not exist; create it or choose another")
+        return {"file": file} if file else {"viewer": viewer}
+
+    def _views(self) -> dict[str, Any]:
+        return {
+            "clip/camera_info": partial(self._show_camera, "clip/camera_info"),
+            "clip/camera_pose": partial(self._show_camera, "clip/camera_pose"),
+            "clip/image": self._show_image,
+            "clip/mask": lambda m: self.stream.log_labels(decoded(m, "topics", "clip/mask")[..., 0]),
+            "splats": lambda m: self.stream.log_splats(splats_of(m)),
+            "~/material_field": self._show_material,
+            "~/force_field": self._show_force_field,
+            "~/quality": self._show_text,
+            "~/progress": self._show_progress,
+            "~/rendered": lambda m: self.stream.log_rendered(decoded(m, "topics", "rendered")),
+        }
+
+    def _take(self, name: str, show: Any, message: Any) -> None:
+        self.note_input()
+        try:
+            if getattr(message, "header", None) is not None and stamp_ns(message):
+                self.stream.at(stamp_ns(message))
+            show(message)
+        except InputError as error:
+            self.get_logger().error(f"{name}: {error}")
+
+    def _show_camera(self, name: str, message: Any) -> None:
+        self.buffer.take(name, message)
+        if self.buffer.info is not None and self.buffer.pose is not None:
+            self.stream.log_camera(self.buffer.camera())
+
+    def _show_image(self, message: Any) -> None:
+        self.buffer.take("clip/image", message)
+        self.stream.log_image(decoded(message, "topics", "clip/image"))
+
+    def _show_material(self, message: Any) -> None:
+        from diffphys_ros.report.colours import stiffness_colours
+        from diffphys_ros.report.rerun_log import point_radius
+
+        points = clouds.unpack(message)[0]
+        self.colours, self.radius_m = stiffness_colours(10.0 ** points["intensity"].astype(float)), point_radius(points["volume"])
+        self.stream.log_cloud(clouds.xyz(points), self.colours, radius_m=self.radius_m)
+
+    def _show_force_field(self, message: Any) -> None:
+        from diffphys_ros.report.rerun_log import force_arrows
+
+        rows, start = clouds.unpack(message), stamp_ns(message)
+        where, force = clouds.xyz(rows), clouds.xyz(rows, "f")
+        index, arrows = force_arrows(where[0], force, np.zeros(rows.shape[1], bool))
+        for k, row in enumerate(rows):
+            self.stream.at(start + round(float(row["t"][0]) * 1e9))
+            if len(self.colours) == len(row):
+                self.stream.log_cloud(where[k], self.colours, radius_m=self.radius_m)
+            self.stream.log_arrows(where[k][index], arrows[k])
+            self.stream.log_net_force((force[k] * row["volume"][:, None]).sum(0))
+
+    def _show_progress(self, message: Any) -> None:
+        for status in message.status:
+            loss = messages.values_of(status).get("loss")
+            if loss:
+                self.stream.log_loss(float(loss))
+        self._show_text(message)
+
+    def _show_text(self, message: Any) -> None:
+        for status in message.status:
+            said = ", ".join(f"{key} {value}" for key, value in messages.values_of(status).items() if value)
+            self.stream.log_text(f"{status.name}: {status.message} ({said})")

@@ -1,0 +1,102 @@
+"""ROS parameters from the tree of settings: the same names, units, ranges and docs as the command line and YAML files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from diffphys_ros import config
+from diffphys_ros.errors import InputError
+
+_RCLPY = ("use_sim_time", "start_type_description_service")  # declared by rclpy itself
+_QOS_PREFIX = "qos_overrides."
+
+
+class Own(NamedTuple):
+    """A parameter of a node that is no setting of the tree; fixed at the start of the node."""
+
+    name: str
+    default: Any
+    doc: str
+    choices: tuple[str, ...] = ()
+
+
+CONFIG = Own("config", [], "YAML file of settings, or several; later ones win, parameters win over files")
+
+
+class Parameters:
+    """Declares a node's parameters and checks every change. Needs a node that declares its overrides by itself.
+
+    Raises InputError for an unknown name, a value out of range and a YAML file that cannot be read.
+    """
+
+    def __init__(self, node: Node, own: Sequence[Own] = ()) -> None:
+        self._node, self._own = node, {item.name: item for item in (CONFIG, *own)}
+        given = {name: _plain(p.value) for name, p in node.get_parameters_by_prefix("").items()}
+        given = {n: v for n, v in given.items() if n not in _RCLPY and not n.startswith(_QOS_PREFIX)}
+        for item in self._own.values():
+            self._declare(item.name, item.default, _describe_own(item), given)
+        defaults: dict[str, Any] = {}
+        for path in self.paths(CONFIG.name):
+            defaults |= config.read_yaml(path)
+        for name, leaf in config.leaves().items():
+            self._declare(name, defaults.get(name, leaf.default), _describe(leaf), given)
+        config.build(defaults | {n: v for n, v in given.items() if n not in self._own}, f"parameters of {node.get_name()}")
+        node.add_on_set_parameters_callback(self._check)
+
+    def __getitem__(self, name: str) -> Any:
+        """Value of one of the node's own parameters; raises InputError where it is none of the choices."""
+        value, item = _plain(self._node.get_parameter(name).value), self._own[name]
+        if item.choices and value not in item.choices:
+            raise InputError(f"parameters of {self._node.get_name()}: {name} is {value!r}, must be one of {', '.join(item.choices)}")
+        if isinstance(item.default, (int, float)) and not isinstance(value, (int, float)):
+            raise InputError(f"parameters of {self._node.get_name()}: {name} is {value!r}, must be a number")
+        return value
+
+    def paths(self, name: str) -> list[str]:
+        """A parameter that holds one path or several, as a list without empty ones."""
+        value = _plain(self._node.get_parameter(name).value) or []
+        return [path for path in ([value] if isinstance(value, str) else value) if path]
+
+    def settings(self, changes: Mapping[str, Any] | None = None) -> config.Settings:
+        """The tree as the parameters stand, with `changes` on top. Raises InputError."""
+        values = {name: _plain(self._node.get_parameter(name).value) for name in config.leaves()}
+        return config.build(values | dict(changes or {}), f"parameters of {self._node.get_name()}")
+
+    def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor, given: Mapping[str, Any]) -> None:
+        if name in given:
+            self._node.set_descriptor(name, descriptor)
+        else:
+            self._node.declare_parameter(name, default, descriptor)
+
+    def _check(self, changed: list[Parameter]) -> SetParametersResult:
+        leaves = config.leaves()
+        try:
+            self.settings({p.name: _plain(p.value) for p in changed if p.name in leaves})
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+
+def _describe(leaf: config.Leaf) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=leaf.doc + (f" [{leaf.unit}]" if leaf.unit else ""), additional_constraints=leaf.range_text, dynamic_typing=True
+    )
+    if not leaf.is_list and leaf.low is not None and leaf.high is not None:
+        if leaf.kind is int:
+            descriptor.integer_range = [IntegerRange(from_value=int(leaf.low), to_value=int(leaf.high), step=1)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(leaf.low), to_value=float(leaf.high))]
+    return descriptor
+
+
+def _describe_own(item: Own) -> ParameterDescriptor:
+    return ParameterDescriptor(description=item.doc, additional_constraints=", ".join(item.choices), read_only=True, dynamic_typing=True)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else value

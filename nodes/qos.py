@@ -1,0 +1,34 @@
+"""QoS profiles of the topic table."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from diffphys_ros.msg_schemas.topics import KEEP_ALL, Topic
+
+RELIABILITY = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
+SENSOR_DEPTH = 10
+TREE_DEPTH = 20  # links of the camera's transform tree
+
+
+def profile(topic: Topic) -> QoSProfile:
+    """Reliable; transient local where the table says latched; a history of one or all."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+        history=HistoryPolicy.KEEP_ALL if topic.depth == KEEP_ALL else HistoryPolicy.KEEP_LAST,
+        depth=topic.depth,
+    )
+
+
+def sensor(reliability: str) -> QoSProfile:
+    """Raw inputs: best effort takes every publisher; reliable loses nothing but needs a reliable publisher."""
+    if reliability == "reliable":
+        return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_ALL)
+    return QoSProfile(reliability=RELIABILITY[reliability], history=HistoryPolicy.KEEP_LAST, depth=SENSOR_DEPTH)
+
+
+def latched() -> QoSProfile:
+    """Transforms, one message per link, that late subscribers get."""
+    return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=TREE_DEPTH)

@@ -1,0 +1,47 @@
+"""splat_node: first image, mask and depth in, static 3D Gaussians out."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+from diffphys_ros.msg_schemas import messages
+from diffphys_ros.msg_schemas.messages import world_frame
+
+from .clip_stage import ClipStage
+from .splat_topic import splat_cloud
+from .worker import Job
+
+SPLATS = "splats"
+
+
+class SplatNode(ClipStage):
+    """Fits Gaussians to frame 0 when clip and masks are complete, and latches them on `splats`."""
+
+    def __init__(self) -> None:
+        self.loss: float | None = None
+        super().__init__("splat_node", publishes=[SPLATS], masks=True)
+
+    def health(self) -> dict[str, Any]:
+        return {"loss": self.loss}
+
+    def job(self) -> Job:
+        buffer, settings = self.buffer, self.parameters.settings()
+
+        def fit() -> Generator[Any, None, dict[str, Any]]:
+            from diffphys_ros.depth import surface_depth
+            from diffphys_ros.recover import fit_gaussians
+
+            clip = buffer.clip()
+            depth0, _ = surface_depth(clip, settings)
+            splats = yield from fit_gaussians(clip, depth0, settings)
+            return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)))
+
+        return fit
+
+    def on_news(self, news: Any) -> None:
+        self.loss = news.loss if news.loss is not None else self.loss
+
+    def on_done(self, cloud: dict[str, Any]) -> None:
+        self.send(SPLATS, cloud)
+        self.get_logger().info(f"published {cloud['width']} Gaussians, loss {self.loss}")

@@ -1,0 +1,29 @@
+"""Static Gaussians as a PointCloud2 whose fields are named as in a 3DGS .ply file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import clouds
+from diffphys_ros.splats.ply import FIELDS, from_raw, to_raw
+from diffphys_ros.types import Splats
+
+LAYOUT = dict.fromkeys(FIELDS, "")  # all float32
+
+
+def splat_cloud(splats: Splats, header: dict[str, Any]) -> dict[str, Any]:
+    """A plain PointCloud2; splats_of gives the very same Splats back."""
+    raw = to_raw(splats)
+    return clouds.pack(header, LAYOUT, dict(zip(FIELDS, raw.T, strict=True)), (1, len(raw)))
+
+
+def splats_of(cloud: Any) -> Splats:
+    """The Splats of a PointCloud2. Raises InputError where a field is missing."""
+    points = clouds.unpack(cloud)[0]
+    missing = [name for name in FIELDS if name not in (points.dtype.names or ())]
+    if missing:
+        raise InputError(f"topic splats: the cloud has no field {missing[0]!r}; publish all fields of a 3DGS .ply: {', '.join(FIELDS)}")
+    return from_raw(np.stack([points[name] for name in FIELDS], -1))
