@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
-NEIGHBOURS = 9  # points whose median motion a point is compared with
+from .neighbours import neighbour_median
+
 LARGEST_JUMP_PX = 3.0  # from the prediction of the frame before
 LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
 DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
@@ -95,16 +95,9 @@ def _match(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: n
 def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.ndarray, matching: Matching) -> np.ndarray:
     """Where the motion of the neighbours since the frame before takes each point, float32 (M, 2)."""
     there, error = _round_trip(before, image, at, at, matching, 2)
-    motion = _neighbour_median(start, there - at, error < DRIFT_ROUND_TRIP_PX)
+    motion = neighbour_median(start, there - at, error < DRIFT_ROUND_TRIP_PX)
     return (at + motion).astype(np.float32)
 
 
 def _agreeing(start: np.ndarray, displacement: np.ndarray, good: np.ndarray) -> np.ndarray:
-    return good & (np.linalg.norm(displacement - _neighbour_median(start, displacement, good), axis=1) < LARGEST_ODDITY_PX)
-
-
-def _neighbour_median(start: np.ndarray, values: np.ndarray, good: np.ndarray) -> np.ndarray:
-    if good.sum() < NEIGHBOURS:
-        return np.zeros_like(values)
-    _, index = cKDTree(start[good]).query(start, k=NEIGHBOURS)
-    return np.median(values[good][index], 1)
+    return good & (np.linalg.norm(displacement - neighbour_median(start, displacement, good), axis=1) < LARGEST_ODDITY_PX)

@@ -8,12 +8,13 @@ from ..config import Settings
 from ..errors import InputError
 from ..types import IGNORE, Clip, Tracks
 from .flow import Matching, normalised, seed_points, track_pixels
-from .lift import points_from_depth, points_on_planes
-from .noise import displacement_noise
+from .lift import points_from_depth, points_on_planes, without_oddities
+from .noise import displacement_noise, track_residuals
 
 MOST_TRACKS = 500
 LEAST_TRACKS = 8
 LEAST_SHARE = 0.5  # of the received frames in which a track must hold
+LARGEST_RESIDUAL = 4.0  # of a track against its surroundings over the whole clip, in medians over all tracks
 
 
 def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
@@ -38,12 +39,15 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
     pixels, valid = track_pixels(images, start, clip.seen, matching) if len(start) else (np.zeros((len(clip), 0, 2)), np.zeros((len(clip), 0), bool))
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
+    valid = without_oddities(points, valid)
     keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)
     if keep.sum() < LEAST_TRACKS:
         raise InputError(
             f"{clip.source or 'clip'}: {int(keep.sum())} surface points could be followed, at least {LEAST_TRACKS} are needed; "
             "film a textured object larger in the image, or raise tracks.round_trip_px"
         )
+    residual = track_residuals(points[:, keep], valid[:, keep])
+    keep = np.flatnonzero(keep)[residual <= LARGEST_RESIDUAL * np.median(residual)]
     points, valid = points[:, keep], valid[:, keep]
     return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid))
 

@@ -6,8 +6,10 @@ import numpy as np
 
 from ..local_plane import plane_depth
 from ..types import Camera, Clip
+from .neighbours import neighbour_median
 
 LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane
+LARGEST_ODDITY = 6.0  # of a displacement from its neighbours' median, in robust standard deviations over all points
 LARGEST_OFFSET = 0.01  # of a frame-0 depth from the object's surface, as a share of the depth
 
 
@@ -37,6 +39,20 @@ def points_on_planes(camera: Camera, pixels: np.ndarray, valid: np.ndarray, dept
     height = (start - camera.position) @ normal
     points = camera.position + rays * (height / (rays @ normal))[..., None]
     return points, valid & (surface > 0)
+
+
+def without_oddities(points: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """What of `valid` (T, M) remains when displacements (T, M, 3) far from their neighbours' are dropped.
+
+    Catches wrong depths (an edge, the background behind it) that look right in the image.
+    """
+    kept = valid.copy()
+    for k in range(1, len(points)):
+        displacement = points[k] - points[0]
+        off = np.linalg.norm(displacement - neighbour_median(points[0], displacement, valid[k]), axis=1)
+        if valid[k].any():
+            kept[k] &= off <= LARGEST_ODDITY * max(float(np.median(off[valid[k]])), 1e-9) / 0.6745
+    return kept
 
 
 def _at(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
