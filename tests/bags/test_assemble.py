@@ -1,0 +1,103 @@
+"""The uniform clock and the pairing of depth with colour."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diffphys_ros.bags.assemble import assemble
+from diffphys_ros.bags.camera import camera_from_fov
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Clip
+
+CAMERA = camera_from_fov(60.0, 4, 3)
+START, PERIOD = 1_700_000_000_123_456_789, 0.04
+
+
+def stamps(count: int, jitter_s: float = 0.0) -> list[int]:
+    jitter = np.random.default_rng(1).normal(0, jitter_s, count)
+    return [START + round(1e9 * (k * PERIOD + jitter[k])) for k in range(count)]
+
+
+def frame(k: int) -> np.ndarray:
+    return np.full((3, 4, 3), k, np.uint8)
+
+
+def metres(k: int) -> np.ndarray:
+    return np.full((3, 4), 1 + k, np.float32)
+
+
+def clip(times: list[int], depths: list[tuple[int, np.ndarray]] | None = None) -> Clip:
+    return assemble([(ns, frame(k)) for k, ns in enumerate(times)], depths or [], CAMERA, "test")
+
+
+def shown(result: Clip) -> list[int]:
+    return result.frames[:, 0, 0, 0].tolist()
+
+
+def test_even_stamps_give_their_period_and_every_frame() -> None:
+    result = clip(stamps(10))
+    assert result.period_s == pytest.approx(PERIOD, rel=1e-9)
+    assert (result.start_ns, shown(result), result.notes) == (START, list(range(10)), ())
+    assert result.seen.all()
+
+
+def test_jitter_of_a_tenth_of_the_period_moves_no_frame() -> None:
+    result = clip(stamps(60, 0.1 * PERIOD))
+    assert shown(result) == list(range(60))
+    assert result.period_s == pytest.approx(PERIOD, rel=2e-3)
+
+
+def test_a_lost_frame_repeats_the_one_before_unobserved_and_is_said() -> None:
+    times = stamps(12, 0.05 * PERIOD)
+    kept = [k for k in range(12) if k not in (4, 5, 9)]
+    result = assemble([(times[k], frame(k)) for k in kept], [], CAMERA, "test")
+    assert shown(result) == [0, 1, 2, 3, 3, 3, 6, 7, 8, 8, 10, 11]
+    assert np.flatnonzero(~result.seen).tolist() == [4, 5, 9]
+    assert "3 of 12 frames were lost" in result.notes[0]
+
+
+def test_the_order_of_arrival_does_not_matter() -> None:
+    images = [(ns, frame(k)) for k, ns in enumerate(stamps(9))]
+    depths = [(ns, metres(k)) for k, ns in enumerate(stamps(9))]
+    one, other = assemble(images, depths, CAMERA, "test"), assemble(images[::-1], depths[::-1], CAMERA, "test")
+    np.testing.assert_array_equal(one.frames, other.frames)
+    np.testing.assert_array_equal(one.depth, other.depth)
+
+
+def test_each_frame_takes_the_nearest_depth_within_half_a_period() -> None:
+    times = stamps(6)
+    late = round(0.3 * PERIOD * 1e9)
+    depths = [(times[k] + late, metres(k)) for k in range(6) if k != 2]
+    result = clip(times, depths)
+    assert result.depth is not None
+    assert result.depth[:, 0, 0].tolist() == [1, 2, 0, 4, 5, 6]
+    assert "1 of 6 frames have no depth image" in result.notes[0]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two_frames_are_refused(count: int) -> None:
+    with pytest.raises(InputError, match=rf"test: has {count} colour frame\(s\), at least 2"):
+        clip(stamps(count))
+
+
+def test_equal_stamps_are_refused() -> None:
+    with pytest.raises(InputError, match="they must grow"):
+        clip([START] * 5)
+
+
+def test_two_takes_in_one_recording_are_refused() -> None:
+    with pytest.raises(InputError, match="follow no steady clock"):
+        clip(stamps(5) + [ns + 10**12 for ns in stamps(5)])
+
+
+def test_depth_without_a_single_value_is_refused() -> None:
+    times = stamps(4)
+    with pytest.raises(InputError, match=r"no finite value above 0; set topics.depth to 'none'"):
+        clip(times, [(ns, np.zeros((3, 4), np.float32)) for ns in times])
+
+
+def test_depth_of_another_size_than_the_colour_is_refused() -> None:
+    times = stamps(4)
+    with pytest.raises(InputError, match="depth image has 8x6 px, must have the camera's 4x3 px"):
+        clip(times, [(ns, np.ones((6, 8), np.float32)) for ns in times])
