@@ -1,0 +1,118 @@
+"""Static Gaussians of frame 0 (paper section 3.2): back-projected from depth, then fitted to the image."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt
+
+from ..config import Settings
+from ..errors import InputError
+from ..losses import foreground, image_loss
+from ..render import Rasterizer, Window, window_around
+from ..types import IGNORE, Camera, Splats
+from .density import prune_and_split
+from .discs import Discs, discs_of, gaussians, to_splats
+from .ply import canonical
+from .seed import gather_blocks, surface_at
+
+MARGIN_PX = 8  # of the rendered window around the object
+FIRST_SHARE = 0.75  # of max_count that the fit starts with; splitting adds the rest
+SPLIT_AT = (0.25, 0.5)  # shares of the iterations after which discs are pruned and split
+ALPHA_WEIGHT = 1.0  # of the squared difference between alpha and mask
+RATES = {"pixel": 0.1, "log_scale": 0.03, "angle": 0.05, "logit": 0.1, "color": 0.02}  # Adam steps [px, -, rad, -, -]
+LAST_RATE = 0.1  # of the steps at the end over those at the start
+
+
+@dataclass(frozen=True)
+class _Target:
+    """What the Gaussians must look like, cropped to the window."""
+
+    rasterizer: Rasterizer
+    window: Window
+    image: torch.Tensor  # 0..1, (h, w, 3)
+    mask: torch.Tensor  # the object, bool, (h, w)
+    counted: torch.Tensor  # not ignored, bool, (h, w)
+    around: torch.Tensor  # the picture without the object: every pixel of it takes the nearest other, full image, (H, W, 3)
+    ssim_weight: float
+
+    def loss(self, image: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+        """Image loss (paper A.13) + squared difference of alpha and mask."""
+        bleed = torch.where(self.counted, alpha - self.mask.float(), 0.0).square().sum() / self.mask.sum()
+        return image_loss(image, self.image, self.mask, ssim_weight=self.ssim_weight) + ALPHA_WEIGHT * bleed
+
+    def render(self, discs: Discs) -> tuple[torch.Tensor, ...]:
+        return self.rasterizer.render(*gaussians(discs, self.rasterizer.camera), self.around, window=self.window)
+
+
+def fit_splats(
+    image0: np.ndarray, labels0: np.ndarray, depth0: np.ndarray, camera: Camera, settings: Settings, device: str = "cpu"
+) -> Generator[tuple[int, int, float], None, Splats]:
+    """Gaussians of the object in frame 0; yields (iteration, iterations, loss) and returns canonical Splats.
+
+    image0 uint8 (H, W, 3), labels0 (H, W) (255 is neither fitted nor painted), depth0 (H, W) [m, 0 where unknown].
+    Raises InputError where the mask is empty or no masked pixel has a depth.
+    """
+    mask = foreground(labels0)
+    if not mask.any():
+        raise InputError("mask: frame 0 shows no object; give scene.first_mask")
+    image, count = image0.astype(np.float32) / 255, settings.splats.max_count
+    target = _target(image, labels0, mask, camera, settings, device)
+    blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))
+    discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device)
+    discs = yield from _optimise(discs, target, settings.splats.iterations, count)
+    return canonical(to_splats(discs, camera))
+
+
+def _target(image: np.ndarray, labels0: np.ndarray, mask: np.ndarray, camera: Camera, settings: Settings, device: str) -> _Target:
+    window = left, top, right, bottom = window_around(mask, MARGIN_PX)
+    crop = (slice(top, bottom), slice(left, right))
+    tensors = (torch.as_tensor(np.ascontiguousarray(a[crop]), device=device) for a in (image, mask, labels0 != IGNORE))
+    around = torch.as_tensor(_without(image, labels0 > 0), device=device)
+    return _Target(Rasterizer(camera, device), window, *tensors, around, settings.fit.ssim_weight)
+
+
+def _without(image: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """Image (H, W, 3) with each hidden pixel (H, W) replaced by the nearest other; black where all are hidden."""
+    if hidden.all():
+        return np.zeros_like(image)
+    return image[tuple(distance_transform_edt(hidden, return_distances=False, return_indices=True))]
+
+
+def _optimise(discs: Discs, target: _Target, iterations: int, count: int) -> Generator[tuple[int, int, float], None, Discs]:
+    """Adam with steps that shrink to LAST_RATE, pruning and splitting on the way."""
+    discs, rounds = discs.leaves(), {round(share * iterations) for share in SPLIT_AT}
+    optimizer = _adam(discs, 1.0)
+    for iteration in range(iterations):
+        if iteration in rounds:
+            discs = prune_and_split(discs, *_contributions(discs, target), count).leaves()
+            optimizer = _adam(discs, LAST_RATE ** (iteration / iterations))
+        image, alpha, _ = target.render(discs)
+        loss = target.loss(image, alpha)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        for group in optimizer.param_groups:
+            group["lr"] *= LAST_RATE ** (1 / iterations)
+        yield iteration + 1, iterations, float(loss.detach())
+    return discs
+
+
+def _adam(discs: Discs, share: float) -> torch.optim.Adam:
+    return torch.optim.Adam([{"params": [t], "lr": share * RATES[name]} for name, t in discs.unknowns.items()], eps=1e-15)
+
+
+def _contributions(discs: Discs, target: _Target) -> tuple[torch.Tensor, torch.Tensor]:
+    """Squared residual under each disc and pixels that it fills (G,): the gradient of the image with respect to a colour
+    is how much of each pixel the disc fills."""
+    with torch.no_grad():
+        mean, rotation, scale, opacity, color = gaussians(discs, target.rasterizer.camera)
+        residual = (target.image - target.render(discs)[0]).square().sum(-1) * target.mask
+    color = color.detach().requires_grad_()
+    image = target.rasterizer.render(mean, rotation, scale, opacity, color, window=target.window)[0]
+    weights = torch.stack([residual, target.mask.float(), torch.zeros_like(residual)], -1)
+    (filled,) = torch.autograd.grad((image * weights).sum(), color)
+    return filled[:, 0], filled[:, 1]
