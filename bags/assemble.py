@@ -11,6 +11,7 @@ from diffphys_ros.types import Camera, Clip
 
 MIN_FRAMES = 2
 MAX_LOST_SHARE = 0.5  # of the slots of the clock that may lack a frame
+SEARCHED_PERIODS = (0.7, 1.2)  # as a share of the median step
 Stamped = Sequence[tuple[int, np.ndarray]]  # stamp [ns], image
 
 
@@ -49,16 +50,16 @@ def uniform_clock(stamps: np.ndarray, source: str) -> tuple[np.ndarray, float, l
     if len(stamps) < MIN_FRAMES:
         raise InputError(f"{source}: has {len(stamps)} colour frame(s), at least {MIN_FRAMES} are needed; record a longer clip")
     seconds = (stamps - stamps[0]) * 1e-9
-    steps = np.diff(seconds)
-    guess = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    if guess <= 0:
-        raise InputError(f"{source}: all frames carry the stamp {stamps[0]} ns, they must grow; have the driver stamp its images")
-    slots = np.concatenate([[0], np.cumsum(np.rint(steps / guess))]).astype(np.int64)
+    typical = float(np.median(np.diff(seconds)))
+    if typical <= 0:
+        raise InputError(f"{source}: most frames carry the stamp of their predecessor, they must grow; have the driver stamp its images")
+    period, start = _likeliest_clock(seconds, typical)
     # jitter of single stamps averages out over the clip; the first pass numbers the frames, the second settles doubtful ones
     for _ in range(2):
-        period, start = np.polyfit(slots, seconds, 1) if slots[-1] else (guess, 0.0)
         slots = np.rint((seconds - start) / period).astype(np.int64)
-        slots -= slots[0]
+        if slots[-1] > slots[0]:
+            period, start = np.polyfit(slots, seconds, 1)
+    slots -= slots[0]
     lost = int(slots[-1]) + 1 - len(np.unique(slots))
     doubled = len(slots) - len(np.unique(slots))
     if lost > MAX_LOST_SHARE * (slots[-1] + 1) or doubled > MAX_LOST_SHARE * len(slots):
@@ -69,6 +70,16 @@ def uniform_clock(stamps: np.ndarray, source: str) -> tuple[np.ndarray, float, l
     notes = [f"{lost} of {slots[-1] + 1} frames were lost in the recording; nothing is fitted to them"] if lost else []
     notes += [f"{doubled} frames came twice in one period of {period:.4g} s; the later one is used"] if doubled else []
     return slots, float(period), notes
+
+
+def _likeliest_clock(seconds: np.ndarray, typical: float) -> tuple[float, float]:
+    """Period and start [s] with which most stamps agree in phase: lost frames do not bias it as they do a median of steps."""
+    low, high = SEARCHED_PERIODS
+    # close enough that the phase at the last frame moves by an eighth of a period from one candidate to the next
+    frequencies = np.linspace(1 / high, 1 / low, 8 * len(seconds) + 8) / typical
+    phases = [np.exp(2j * np.pi * frequency * seconds).sum() for frequency in frequencies]
+    best = int(np.argmax(np.abs(phases)))
+    return 1 / frequencies[best], float(np.angle(phases[best])) / (2 * np.pi * frequencies[best])
 
 
 def _paired(

@@ -81,6 +81,17 @@ def test_fewer_than_two_frames_are_refused(count: int) -> None:
         clip(stamps(count))
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_lost_frames_and_jitter_together_do_not_bias_the_period(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kept = np.flatnonzero(rng.random(40) > 0.2) if seed else np.arange(0, 40)
+    kept = np.union1d([0], kept)
+    times = [START + round(1e9 * PERIOD * (k + rng.normal(0, 0.12))) for k in kept]
+    result = assemble([(ns, frame(int(k))) for ns, k in zip(times, kept, strict=True)], [], CAMERA, "test")
+    assert result.period_s == pytest.approx(PERIOD, rel=0.01)
+    assert np.flatnonzero(result.seen).tolist() == kept.tolist()
+
+
 def test_equal_stamps_are_refused() -> None:
     with pytest.raises(InputError, match="they must grow"):
         clip([START] * 5)
