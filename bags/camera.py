@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera
@@ -16,8 +17,8 @@ Edges = Mapping[str, tuple[str, np.ndarray]]  # child frame -> parent frame, par
 
 
 def camera_from_info(
-    k: Sequence[float],
-    d: Sequence[float],
+    k: ArrayLike,
+    d: ArrayLike,
     width: int,
     height: int,
     frame_id: str,
@@ -36,7 +37,9 @@ def camera_from_info(
     if not np.isfinite(matrix).all() or not np.isfinite(np.asarray(d, float)).all():
         raise InputError("camera_info holds numbers that are not finite; calibrate the camera")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise InputError(f"camera_info has focal length K[0] = {matrix[0, 0]:g}, must be above 0; calibrate the camera or set camera.fov_deg")
+        raise InputError(
+            f"camera_info has focal length K[0] = {matrix[0, 0]:g}, must be above 0; calibrate the camera or set camera.fov_deg"
+        )
     return _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id)
 
 
@@ -54,9 +57,7 @@ def camera_from_fov(
     return _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id)
 
 
-def undistorter(
-    k: Sequence[float], d: Sequence[float], model: str, width: int, height: int
-) -> Callable[[np.ndarray], np.ndarray] | None:
+def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int) -> Callable[[np.ndarray], np.ndarray] | None:
     """Function that removes lens distortion from a colour or depth image and keeps k; None where there is no distortion.
 
     Args:
@@ -117,6 +118,8 @@ def pose_in_root(edges: Edges, frame_id: str) -> tuple[np.ndarray, str]:
     return pose, seen[-1]
 
 
-def _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id) -> Camera:  # type: ignore[no-untyped-def]
+def _camera(
+    matrix: np.ndarray, width: int, height: int, frame_id: str, world_from_camera: np.ndarray | None, world_frame_id: str
+) -> Camera:
     pose = np.eye(4) if world_from_camera is None else np.asarray(world_from_camera, float)
     return Camera(matrix, pose, int(width), int(height), frame_id, world_frame_id or frame_id)

@@ -41,27 +41,30 @@ def read_clip(path: str | Path, settings: Settings) -> Clip:
 
 def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
     image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
-    stamped: dict[str, list[tuple[int, np.ndarray]]] = {image_topic: [], depth_topic or "": []}
-    frame_id, unstamped = "", []
-    for topic, log_ns, message in bag.messages([t for t in (image_topic, depth_topic) if t]):
-        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        if topic == image_topic:
-            frame_id = frame_id or message.header.frame_id
-        if not stamp:
-            unstamped.append(topic)
-        stamped[topic].append((stamp or log_ns, decoded(message, source, topic)))
-    for topic, wanted in ((image_topic, 3), (depth_topic, 2)):
-        if topic and stamped[topic][0][1].ndim != wanted:
-            setting, what = ("image", "colour") if wanted == 3 else ("depth", "depth (16UC1 in mm or 32FC1 in m)")
-            raise InputError(f"{source}: topic {topic} holds no {what} images; name another with topics.{setting}")
-    notes = [f"images of {', '.join(sorted(set(unstamped)))} carry no stamp; the times of recording are used"] if unstamped else []
-    height, width = stamped[image_topic][0][1].shape[:2]
+    images, frame_id, notes = _read_topic(bag, image_topic, source, "image")
+    depths, _, depth_notes = _read_topic(bag, depth_topic, source, "depth") if depth_topic else ([], "", [])
     info = bag.first(info_topic) if info_topic else None
-    view = (width, height, frame_id)
-    camera, undistort, found = seen_through(info, _static_transforms(bag), settings, view, source, image_topic=image_topic, info_topic=info_topic)
+    view = (images[0][1].shape[1], images[0][1].shape[0], frame_id)
+    tree = _static_transforms(bag)
+    camera, undistort, found = seen_through(info, tree, settings, view, source, image_topic=image_topic, info_topic=info_topic)
     if undistort:
-        stamped = {topic: [(stamp, undistort(image)) for stamp, image in images] for topic, images in stamped.items()}
-    return assemble(stamped[image_topic], stamped[depth_topic or ""], camera, source, notes=notes + found)
+        images, depths = ([(stamp, undistort(image)) for stamp, image in some] for some in (images, depths))
+    return assemble(images, depths, camera, source, notes=[*notes, *depth_notes, *found])
+
+
+def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
+    """(stamp [ns], image) of a topic in the order of the recording, the images' frame, and notes."""
+    images, unstamped, frame_id = [], False, ""
+    dimensions, what = (3, "colour") if setting == "image" else (2, "depth (16UC1 in mm or 32FC1 in m)")
+    for _, log_ns, message in bag.messages([topic]):
+        image = decoded(message, source, topic)
+        if image.ndim != dimensions:
+            raise InputError(f"{source}: topic {topic} holds no {what} images; name another with topics.{setting}")
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        unstamped |= not stamp
+        frame_id = frame_id or message.header.frame_id
+        images.append((stamp or log_ns, image))
+    return images, frame_id, [f"images of {topic} carry no stamp; the times of recording are used"] if unstamped else []
 
 
 def decoded(message: Any, source: str, topic: str) -> np.ndarray:

@@ -63,7 +63,9 @@ def _siblings(infos: list[str], image: str) -> list[str]:
 def _pick(bag: Bag, wanted: str | None, found: list[str], allowed: list[str], setting: str, source: str) -> str | None:
     if wanted is not None:
         if wanted not in allowed:
-            raise InputError(f"{source}: topics.{setting} is {wanted!r}, must be one of {', '.join(sorted(allowed)) or 'none (there are no such topics)'}")
+            raise InputError(
+                f"{source}: topics.{setting} is {wanted!r}, must be one of {', '.join(sorted(allowed)) or 'none (there are no such topics)'}"
+            )
         return wanted
     if len(found) > 1:
         raise InputError(f"{source}: several topics could be the {setting}: {', '.join(sorted(found))}; name one with topics.{setting}")

@@ -7,14 +7,14 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from diffphys_ros.bags.storage import typestore
 from diffphys_ros.errors import InputError
 
-METADATA_VERSION = 9  # of rosbag2 since Jazzy: quality of service by name
+METADATA_VERSION: Literal[9] = 9  # of rosbag2 since Jazzy: quality of service by name
 FOREVER = (9223372036, 854775807)  # s, ns: rosbag2's infinite duration
 Message = tuple[str, str, int, Mapping[str, Any], bool]  # topic, type, time of recording [ns], fields by name, latched
 
@@ -69,7 +69,10 @@ def to_message(kind: str, fields: Mapping[str, Any]) -> Any:
     definitions = dict(store.fielddefs[kind][1])
     if unknown := set(fields) - set(definitions):
         raise ValueError(f"{kind} has no field {sorted(unknown)}; it has {', '.join(definitions)}")
-    values = {name: _value(definition, fields[name]) if name in fields else _default(kind, name, definition) for name, definition in definitions.items()}
+    values = {
+        name: _value(definition, fields[name]) if name in fields else _default(kind, name, definition)
+        for name, definition in definitions.items()
+    }
     return store.types[kind](**values)
 
 
@@ -102,7 +105,9 @@ def _default(kind: str, name: str, definition: tuple[Any, Any]) -> Any:
         return to_message(detail, {})
     if node == "ARRAY":
         element, length = detail
-        return _value(definition, [{}] * length if element[0].name == "NAME" else [""] * length if element[1][0] == "string" else np.zeros(length))
+        return _value(
+            definition, [{}] * length if element[0].name == "NAME" else [""] * length if element[1][0] == "string" else np.zeros(length)
+        )
     if node == "SEQUENCE":
         return _value(definition, [])
     if kind == "geometry_msgs/msg/Quaternion" and name == "w":

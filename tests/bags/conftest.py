@@ -72,7 +72,11 @@ def info_topic(topic: str = "/camera/camera_info", **fields: Any) -> Iterator[Me
 def tree_topic(links: Mapping[str, tuple[str, tuple[float, float, float]]]) -> Iterator[Message]:
     """/tf_static with translations: child -> (parent, xyz [m])."""
     transforms = [
-        {"header": header(START_NS) | {"frame_id": parent}, "child_frame_id": child, "transform": {"translation": dict(zip("xyz", xyz, strict=True))}}
+        {
+            "header": header(START_NS) | {"frame_id": parent},
+            "child_frame_id": child,
+            "transform": {"translation": dict(zip("xyz", xyz, strict=True))},
+        }
         for child, (parent, xyz) in links.items()
     ]
     yield "/tf_static", "tf2_msgs/msg/TFMessage", START_NS, {"transforms": transforms}, True
