@@ -19,14 +19,13 @@ FOREVER = (9223372036, 854775807)  # s, ns: rosbag2's infinite duration
 Message = tuple[str, str, int, Mapping[str, Any], bool]  # topic, type, time of recording [ns], fields by name, latched
 
 
-def write_recording(path: str | Path, messages: Iterable[Message], *, compressed: bool = True) -> Path:
-    """Writes an MCAP file with profile ros2, embedded message definitions and offered QoS; returns its path.
+def write_recording(path: str | Path, messages: Iterable[Message]) -> Path:
+    """Writes an MCAP file with profile ros2, zstd chunks, embedded message definitions and offered QoS; returns its path.
 
     Args:
         messages: (topic, type such as 'sensor_msgs/msg/PointCloud2', time of recording [ns], fields, latched). Fields are nested
             mappings by field name; arrays are numpy arrays, bytes or sequences; fields left out are zero or empty. A latched topic
             is offered reliable and transient local (a late subscriber gets its last message), another one reliable and volatile.
-        compressed: zstd chunks.
 
     The file appears whole or not at all. Raises InputError where the place cannot be written, ValueError for an unknown field.
     """
@@ -38,7 +37,7 @@ def write_recording(path: str | Path, messages: Iterable[Message], *, compressed
     try:
         # the recording's own metadata names its file, so it has its final name from the start
         folder = scratch / path.stem
-        _write_folder(folder, messages, compressed)
+        _write_folder(folder, messages)
         os.replace(folder / f"{path.stem}.mcap", path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); free space or give a place in a writable folder") from error
@@ -47,13 +46,12 @@ def write_recording(path: str | Path, messages: Iterable[Message], *, compressed
     return path
 
 
-def _write_folder(folder: Path, messages: Iterable[Message], compressed: bool) -> None:
+def _write_folder(folder: Path, messages: Iterable[Message]) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     store, connections = typestore(), {}
     writer = Writer(folder, version=METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
-    if compressed:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         for topic, kind, stamp_ns, fields, latched in messages:
             if topic not in connections:
