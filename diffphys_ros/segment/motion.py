@@ -10,48 +10,87 @@ from ..errors import InputError
 from ..types import Clip
 from .regions import filled, largest
 
-LEAST_MOTION_PX = 1.0  # largest displacement that counts as an object
+LEAST_MOTION_PX = 1.0  # displacement from which texture is said to have moved
+LEAST_GAIN = 6.0  # grey levels by which the flow explains a moving pixel better than standing still
+LEAST_SHARE = 0.001  # of the image that must move
+STEADY = 0.3  # quantile over the frames in which a pixel must have moved: background that is merely passed over fails it
+MOST_FRAMES = 24
 
 
 def motion_mask(clip: Clip, settings: Settings) -> np.ndarray:
-    """Object (1) and background (0) of frame 0, uint8 (H, W): the largest moving region, grown over the still root by colour.
+    """Object (1) and background (0) of frame 0, uint8 (H, W): what moves, and what continues it in colour (a still root).
 
-    Raises InputError where nothing moves by a pixel.
+    Raises InputError where nothing moves.
     """
-    motion = accumulated_motion(clip.frames[clip.seen])
-    level = float(np.quantile(motion, 0.999))
-    if level < LEAST_MOTION_PX:
+    core = moving_core(clip.frames[clip.seen])
+    if core.mean() < LEAST_SHARE:
         raise InputError(
-            f"{clip.source or 'clip'}: the largest motion is {level:.2f} px, at least {LEAST_MOTION_PX:g} px is needed to find the object by "
-            "motion; give scene.first_mask"
+            f"{clip.source or 'clip'}: {100 * core.mean():.2f} % of frame 0 is seen to move by {LEAST_MOTION_PX:g} px or more, needs at least "
+            f"{100 * LEAST_SHARE:g} % to find the object by motion; give scene.first_mask"
         )
-    moving = filled(largest(motion > max(0.5, 0.12 * level)))
-    return _refined(clip.frames[0], moving).astype(np.uint8)
+    return _by_colour(clip.frames[0], core).astype(np.uint8)
 
 
-def accumulated_motion(frames: np.ndarray, *, most: int = 24) -> np.ndarray:
-    """Largest displacement of every pixel of frame 0 over the clip [px], float32 (H, W), by DIS flow."""
-    flow_of = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-    first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
-    total = np.zeros(first.shape, np.float32)
-    for k in np.unique(np.linspace(1, len(frames) - 1, min(most, len(frames) - 1)).astype(int)):
-        flow = flow_of.calc(first, cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY), None)
-        total = np.maximum(total, np.linalg.norm(flow, axis=-1))
-    return total
+def moving_core(frames: np.ndarray) -> np.ndarray:
+    """Pixels of frame 0 on moving texture, closed over the gaps between them: bool (H, W), the largest such region.
+
+    Dense flow (DIS) bleeds far into plain background, so it is believed only where it explains the frames better than standing
+    still does, and does so in most of the frames in which it claims motion.
+    """
+    gain = np.stack([_gain(frames[0], frames[k]) for k in _spread(len(frames))])
+    claimed = np.isfinite(gain)
+    ordered = np.sort(np.where(claimed, gain, np.inf), 0)
+    rank = np.clip((STEADY * claimed.sum(0)).astype(int), 0, len(gain) - 1)
+    steady = np.take_along_axis(ordered, rank[None], 0)[0]
+    moving = (claimed.sum(0) >= max(2, len(gain) // 5)) & (steady > LEAST_GAIN)
+    gap = 2 * max(2, round(0.015 * np.sqrt(moving.size))) + 1
+    closed = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (gap, gap)))
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+    return filled(largest(opened))
 
 
-def _refined(frame: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """GrabCut (Rother et al. 2004) from the moving region: sharp edges, and the still root where its colour continues."""
-    reach = max(3, round(0.04 * np.sqrt(moving.sum())))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    near = cv2.dilate(moving.astype(np.uint8), kernel) > 0
-    sure = cv2.erode(moving.astype(np.uint8), kernel) > 0
-    far = cv2.dilate(near.astype(np.uint8), kernel, iterations=4) > 0
-    guess = np.full(moving.shape, cv2.GC_BGD, np.uint8)
-    guess[far] = cv2.GC_PR_BGD
-    guess[moving] = cv2.GC_PR_FGD
-    guess[sure] = cv2.GC_FGD
+def _spread(count: int) -> np.ndarray:
+    return np.unique(np.linspace(1, count - 1, min(MOST_FRAMES, count - 1)).astype(int))
+
+
+def _gain(first: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """How much better [grey levels] the flow explains each pixel of the first frame than standing still, float32 (H, W); inf where it
+    claims no motion."""
+    grey0, grey1 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (first, other))
+    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(grey0, grey1, None)
+    grid = np.stack(np.meshgrid(np.arange(grey0.shape[1]), np.arange(grey0.shape[0])), -1).astype(np.float32)
+    moved = cv2.remap(other, grid + flow, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    difference = _difference(first, other) - _difference(first, moved)
+    return np.where(np.linalg.norm(flow, axis=-1) > LEAST_MOTION_PX, cv2.boxFilter(difference, -1, (7, 7)), np.inf).astype(np.float32)
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.abs(a.astype(np.float32) - b).max(-1)
+
+
+def _by_colour(frame: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """GrabCut (Rother et al. 2004) from the moving core: sharp edges, and the still root where its colours continue."""
+    reach = max(3, round(0.03 * np.sqrt(core.sum())))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    guess = np.where(core | _coloured_as(frame, core), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    guess[cv2.erode(core.astype(np.uint8), disc) > 0] = cv2.GC_FGD
+    border = max(2, min(core.shape) // 60)
+    rim = np.ones(core.shape, bool)
+    rim[border:-border, border:-border] = False
+    guess[rim & ~core] = cv2.GC_BGD
     cv2.setRNGSeed(0)
-    cv2.grabCut(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), guess, None, np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
-    found = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)
-    return filled(largest(found))
+    cv2.grabCut(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), guess, None, np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
+    return filled(largest((guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)))
+
+
+def _coloured_as(frame: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """Pixels whose colour is more frequent inside the core than outside, joined to it: bool (H, W)."""
+    bins = (cv2.cvtColor(frame, cv2.COLOR_RGB2LAB) // 16).astype(int) @ (256, 16, 1)
+    inside, outside = (_frequency(bins[region]) for region in (core, ~core))
+    alike = (inside > outside)[bins]
+    _, regions = cv2.connectedComponents(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) | core)
+    return (regions > 0) & np.isin(regions, np.unique(regions[core]))
+
+
+def _frequency(bins: np.ndarray) -> np.ndarray:
+    return np.bincount(bins, minlength=4096) / max(len(bins), 1)
