@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 from skfem import Basis, BilinearForm, ElementTetP2, ElementVector, MeshTet, asm
 from skfem.helpers import ddot, sym_grad, trace
 
@@ -20,6 +20,7 @@ from .mesh import SolidMesh, solid_mesh
 from .model import ModalModel
 
 STIFFNESS_ORDER, MASS_ORDER = 2, 4  # polynomial degrees that the quadrature integrates exactly
+EIGEN_TOLERANCE = 1e-6
 KEPT = 1e-8  # smallest squared length, after normalisation, of a basis vector that is new
 RIGID_SHIFT = -1.0  # [1/s^2]; moves the rigid motions of a free body off zero
 
@@ -86,22 +87,27 @@ class Elements:
         form = BilinearForm(lambda u, v, w: np.einsum("ij...,i...,j...->...", w.stress, u.grad, v.grad))
         return sp.kron(asm(form, basis, stress=stress), sp.identity(3)).tocsr()[self.free][:, self.free].tocsc()
 
-    def eigenmodes(self, young: np.ndarray, count: int, geometric: sp.csc_matrix | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """The `count` modes nearest to rest: squared angular frequencies (count,) [1/s^2], rising, and shapes (D, count).
+    @property
+    def shift(self) -> float:
+        """Spectral shift [1/s^2] at which the stiffness can be inverted: 0 unless the body is free to move rigidly."""
+        return 0.0 if len(self.free) < 3 * len(self.nodes) else RIGID_SHIFT
 
-        Negative squares tell of buckling under `geometric`.
-        """
-        matrix = self.elastic(young) if geometric is None else self.elastic(young) + geometric
-        shift = 0.0 if len(self.free) < 3 * len(self.nodes) else RIGID_SHIFT
-        solve = splu((matrix - shift * self.mass).tocsc(), **_SYMMETRIC).solve
-        inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
+    def factor(self, matrix: sp.csc_matrix) -> SuperLU:
+        """Factors of the shifted stiffness matrix."""
+        return splu((matrix - self.shift * self.mass).tocsc(), **_SYMMETRIC)
+
+    def eigenmodes(self, matrix: sp.csc_matrix, factor: SuperLU, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The `count` modes nearest to rest of a stiffness matrix and its factors: squared angular frequencies (count,)
+        [1/s^2], rising, and shapes (D, count). Negative squares tell of buckling."""
+        inverse = LinearOperator(matrix.shape, matvec=factor.solve, dtype=float)
         start = np.random.default_rng(0).standard_normal(len(self.free))
-        omega2, shapes = eigsh(matrix, min(count, len(self.free) - 2), self.mass, sigma=shift, OPinv=inverse, v0=start, tol=1e-7)
+        count = min(count, len(self.free) - 2)
+        omega2, shapes = eigsh(matrix, count, self.mass, sigma=self.shift, OPinv=inverse, v0=start, tol=EIGEN_TOLERANCE)
         order = np.argsort(omega2)
         return omega2[order], shapes[:, order]
 
 
-_SYMMETRIC = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True))
+_SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
 
 
 def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
@@ -122,13 +128,20 @@ def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.
     return asm(hooke, basis).tocsr()[free][:, free].tocsc()
 
 
-def modal_model(elements: Elements, youngs: list[np.ndarray], count: int) -> ModalModel:
-    """Ritz model spanned by the lowest `count` eigenmodes at each of `youngs` (n,) and the static shapes under uniform
-    loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second order."""
+def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int], *, loaded: bool = True) -> ModalModel:
+    """Ritz model spanned by the lowest `counts[i]` eigenmodes at each of `youngs[i]` (n,) and the static shapes under
+    uniform loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second
+    order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same."""
     geometric = elements.geometric(youngs[0]) if elements.heavy else None
-    vectors = [elements.eigenmodes(young, count, geometric)[1] for young in youngs]
-    static = splu(elements.elastic(youngs[0]) - _shift(elements), **_SYMMETRIC).solve(np.column_stack([elements.push, elements.gravity[:, None]]))
-    basis = _orthonormal(np.column_stack([*vectors, static[:, np.abs(static).max(0) > 0]]), elements.mass)
+    loads = np.column_stack([elements.push, elements.gravity[:, None]] if elements.heavy else [elements.push])
+    vectors = []
+    for young, count in zip(youngs, counts, strict=True):
+        matrix = elements.elastic(young) + (geometric if loaded and geometric is not None else 0 * elements.mass)
+        factor = elements.factor(matrix)
+        vectors.append(elements.eigenmodes(matrix, factor, count)[1])
+        if len(vectors) == 1:
+            vectors.append(factor.solve(loads))
+    basis = _orthonormal(np.column_stack(vectors), elements.mass)
     full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
     full[elements.free] = basis
     model = ModalModel(
@@ -142,10 +155,6 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], count: int) -> Mod
         np.asarray(youngs[0], float),
     )
     return model.rotated(youngs[0])
-
-
-def _shift(elements: Elements) -> sp.csc_matrix:
-    return (0.0 if len(elements.free) < 3 * len(elements.nodes) else RIGID_SHIFT) * elements.mass
 
 
 def _orthonormal(vectors: np.ndarray, mass: sp.csc_matrix) -> np.ndarray:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..types import Body
 from .outline import boundary_loops, interface_lines, smooth_loop
 
-TRIANGLE_VERTICES = 110  # aimed at in the plane; twice as many layers of nodes as LAYERS + 1 with quadratic elements
+TRIANGLE_VERTICES = 90  # aimed at in the plane; twice as many layers of nodes as LAYERS + 1 with quadratic elements
 CELLS_ACROSS = 2.0  # elements across the narrowest limb, at the least
 MOST_VERTICES = 600  # in the plane
 LAYERS = 2  # elements through the thickness
@@ -110,8 +110,8 @@ def _constraints(outline: list[np.ndarray], inner: list[np.ndarray], size: float
 def _inner_points(outline: list[np.ndarray], fixed: np.ndarray, size: float) -> np.ndarray:
     """Hexagonal lattice inside the outline, clear of all lines."""
     low, high = fixed.min(0), fixed.max(0)
-    rows = np.arange(low[1] + 0.3 * size, high[1], 0.866 * size)
-    lattice = np.concatenate([np.stack([np.arange(low[0] + (0.3 + 0.5 * (k % 2)) * size, high[0], size), np.full(len(np.arange(low[0] + (0.3 + 0.5 * (k % 2)) * size, high[0], size)), y)], 1) for k, y in enumerate(rows)])
+    y, x = np.arange(low[1] + 0.3 * size, high[1], 0.866 * size), np.arange(low[0] + 0.3 * size, high[0], size)
+    lattice = np.stack([x[None, :] + 0.5 * size * (np.arange(len(y)) % 2)[:, None], np.repeat(y[:, None], len(x), 1)], -1).reshape(-1, 2)
     clear = cKDTree(fixed).query(lattice)[0] > CLEARANCE * size
     return lattice[clear & contains(outline, lattice)]
 
@@ -140,7 +140,7 @@ def _cut(fixed: np.ndarray, loose: np.ndarray, sides: np.ndarray, outline: list[
         sides = np.vstack([sides[~missing], np.stack([sides[missing, 0], new], 1), np.stack([new, sides[missing, 1]], 1)])
         fixed = np.vstack([fixed, middle])
     corner = points[triangles]
-    area = 0.5 * np.abs(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    area = 0.5 * np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1]))
     triangles = triangles[(area > 1e-3 * size**2) & contains(outline, corner.mean(1))]
     used, number = np.unique(triangles, return_inverse=True)
     return points[used], number.reshape(-1, 3)

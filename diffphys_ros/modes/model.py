@@ -156,9 +156,8 @@ class ModalModel:
     def rotated(self, young: np.ndarray, modes: int | None = None) -> ModalModel:
         """The same model with the eigenmodes at `young` as basis; only the lowest `modes` of them where given."""
         shapes = self.eigen(young)[1][:, :modes]
-        basis = self.basis @ shapes
-        sign = np.sign(np.take_along_axis(basis.reshape(-1, basis.shape[2]), np.abs(basis).reshape(-1, basis.shape[2]).argmax(0)[None], 0))[0]
-        shapes = shapes * sign
+        flat = (self.basis @ shapes).reshape(-1, shapes.shape[1])
+        shapes = shapes * np.sign(flat[np.abs(flat).argmax(0), np.arange(shapes.shape[1])])  # equal input, equal signs
         return replace(
             self,
             basis=self.basis @ shapes,

@@ -45,7 +45,7 @@ def _chain(follow: dict[tuple[int, int], list[tuple[int, int]]]) -> np.ndarray:
 def smooth_loop(loop: np.ndarray, spacing: float) -> list[np.ndarray]:
     """Pieces of a closed boundary between its corners, smoothed over a share of `spacing` (in cells) and sampled about
     `spacing` apart; each piece (n, 2) ends where the next one begins."""
-    corners = _corners(loop, max(int(round(ARM_SHARE * spacing)), 2))
+    corners = _corners(loop, max(round(ARM_SHARE * spacing), 2))
     if not len(corners):
         closed = np.vstack([gaussian_filter1d(loop, SMOOTH_SHARE * spacing, axis=0, mode="wrap")] * 2)[: len(loop) + 1]
         return [_resample(closed, spacing, at_least=8)]
@@ -80,7 +80,7 @@ def _smooth_open(points: np.ndarray, sigma: float) -> np.ndarray:
 def _resample(points: np.ndarray, spacing: float, at_least: int = 1) -> np.ndarray:
     """Points at equal arc length, ends kept."""
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    count = max(int(round(arc[-1] / spacing)), at_least)
+    count = max(round(arc[-1] / spacing), at_least)
     at = np.linspace(0, arc[-1], count + 1)
     return np.stack([np.interp(at, arc, points[:, i]) for i in (0, 1)], 1)
 

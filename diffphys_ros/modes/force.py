@@ -1,0 +1,149 @@
+"""Force by linear least squares on the modes: one vector per frame under a spatial family, zero off the support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize
+
+from .model import ModalModel
+from .observation import Projection
+from .response import Step
+from .tail import Physics
+
+FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
+FORCE_STEP_SD = 0.7  # of the change from frame to frame, same unit
+AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule
+INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest
+GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
+EDGE_GAIN = 0.9  # a frame joins the forced ones at either end where that lowers the cost below this share
+MOST_EDGE = 4  # frames that may join at an end
+CENTRES = (6, 3)  # of the search over footprints, along and across the body
+WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
+
+
+def gaussian_weight(points: np.ndarray, footprint: np.ndarray) -> np.ndarray:
+    """Weights (P,) of a local push at points (P, 3): Gaussian of the in-plane distance from footprint[:2] [m] with standard
+    deviation footprint[2] [m]; the family "gaussian" of the force field."""
+    return np.exp(-0.5 * ((points[:, :2] - footprint[:2]) ** 2).sum(1) / footprint[2] ** 2)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The force that explains the motion best at given physics."""
+
+    cost: float  # sum of squared misfits over sigma^2 and the priors
+    force: np.ndarray  # amplitude [N/m^3], body frame, (T, 3)
+    initial_displacement: np.ndarray  # basis coordinates at frame 0, (r,)
+    initial_velocity: np.ndarray  # (r,)
+    residual: np.ndarray  # all residuals, for least squares
+
+
+@dataclass(frozen=True)
+class ForceProblem:
+    """All frames of compressed tracks, and what is allowed to act."""
+
+    modal: ModalModel
+    seen: Projection
+    period_s: float
+    known: np.ndarray  # bool, (T,)
+    allowed: np.ndarray  # frames that may carry a force, bool, (T,)
+    at_rest: bool
+    sigma_m: float  # what a frame may miss [m]
+    force_unit: float  # accelerations seen times density [N/m^3]
+    motion_unit: float  # of the initial basis coordinates: the largest seen
+
+    @cached_property
+    def uniform_load(self) -> np.ndarray:
+        """Modal loads (r, 3) of unit uniform force densities."""
+        return self.modal.footprint_load()
+
+    def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
+        """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
+        force_unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
+        omega2, shapes = self.modal.eigen(physics.young)
+        omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
+        step = Step.of(omega2, 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2), self.period_s)
+        seen, frames, count = self.seen.operator @ shapes, np.flatnonzero(self.allowed), len(self.known)
+        echo = np.einsum("dk,tk,kc->tdc", seen, step.pulse(count), shapes.T @ footprint, optimize=True) * force_unit
+        design = np.zeros((count, seen.shape[0], len(frames), 3))
+        for i, k in enumerate(frames):
+            design[k:, :, i] = echo[: count - k]
+        blocks = [design.reshape(count, seen.shape[0], -1)]
+        if not self.at_rest:
+            released = step.released(count)[:, :, :INITIAL_MODES]
+            released[:, 0] -= 1.0  # displacements are measured from frame 0
+            speed = np.sqrt(np.maximum(omega2[:INITIAL_MODES], 1.0))
+            unit = np.stack([np.full(len(speed), self.motion_unit), self.motion_unit * speed])
+            blocks.append(np.einsum("dk,tjk,jk->tdjk", seen[:, :INITIAL_MODES], released, unit).reshape(count, seen.shape[0], -1))
+        matrix = np.concatenate(blocks, 2)[self.known].reshape(-1, sum(b.shape[2] for b in blocks)) / self.sigma_m
+        calm = _calming(len(frames), matrix.shape[1])
+        target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
+        full = np.vstack([matrix, calm])
+        unknown = np.linalg.solve(full.T @ full + 1e-12 * np.eye(full.shape[1]), full.T @ target) if full.shape[1] else np.zeros(0)
+        residual = target - full @ unknown
+        force = np.zeros((count, 3))
+        force[frames] = unknown[: 3 * len(frames)].reshape(-1, 3) * force_unit
+        start = np.zeros((2, self.modal.modes))
+        if not self.at_rest:
+            start = np.einsum("rk,jk->jr", shapes[:, :INITIAL_MODES], unknown[3 * len(frames) :].reshape(2, -1) * unit)
+        return Solution(float(residual @ residual), force, start[0], start[1], residual)
+
+    def extended(self, physics: Physics) -> ForceProblem:
+        """The problem with the support grown at its ends, where onsets too weak for the recursion still show in the motion."""
+        problem, cost = self, self.solve(physics, self.uniform_load).cost
+        for shift in (-1, 1):
+            for _ in range(MOST_EDGE):
+                wider = replace(problem, allowed=problem.allowed | _shifted(problem.allowed, shift))
+                trial = wider.solve(physics, self.uniform_load).cost
+                if trial > EDGE_GAIN * cost:
+                    break
+                problem, cost = wider, trial
+        return problem
+
+    def best_footprint(self, physics: Physics) -> tuple[str, np.ndarray, Solution]:
+        """The uniform family, or a Gaussian footprint where that explains the motion clearly better."""
+        uniform = self.solve(physics, self.uniform_load)
+        low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
+        length = (high - low).max()
+
+        def cost(p: np.ndarray) -> float:
+            inside = (p[:2] >= low).all() and (p[:2] <= high).all() and 0.04 < np.exp(p[2]) / length < 2.0
+            return self._gaussian(physics, np.r_[p[:2], np.exp(p[2])]).cost if inside else np.inf
+
+        centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
+        start = min((np.r_[c, np.log(w * length)] for c in centres for w in WIDTHS), key=cost)
+        if cost(start) > 0.5 * (1 + GAUSSIAN_GAIN) * uniform.cost:
+            return "uniform", np.zeros(0), uniform
+        simplex = start + np.vstack([np.zeros(3), np.diag([0.06 * length, 0.06 * length, 0.25])])
+        found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxiter": 80, "xatol": 1e-3 * length, "fatol": 1e-3}).x
+        if cost(found) > GAUSSIAN_GAIN * uniform.cost:
+            return "uniform", np.zeros(0), uniform
+        footprint = np.r_[found[:2], np.exp(found[2])]
+        return "gaussian", footprint, self._gaussian(physics, footprint)
+
+    def footprint_load(self, family: str, footprint: np.ndarray) -> np.ndarray:
+        """Modal loads (r, 3) of unit amplitudes of a family."""
+        if family == "uniform":
+            return self.uniform_load
+        return self.modal.footprint_load(lambda points: gaussian_weight(points, footprint))
+
+    def _gaussian(self, physics: Physics, footprint: np.ndarray) -> Solution:
+        return self.solve(physics, self.footprint_load("gaussian", footprint))
+
+
+def _shifted(flags: np.ndarray, by: int) -> np.ndarray:
+    """Flags moved by one frame forwards (1) or backwards (-1)."""
+    return np.r_[False, flags[:-1]] if by > 0 else np.r_[flags[1:], False]
+
+
+def _calming(frames: int, unknowns: int) -> np.ndarray:
+    """Rows of the priors on the force amplitudes: size, and change from frame to frame."""
+    axes = np.diag([1 / AXIAL_SHARE, 1.0, 1.0])
+    size = np.eye(3 * frames, unknowns)
+    size[:, : 3 * frames] = np.kron(np.eye(frames), axes) / FORCE_SD
+    change = np.kron(np.diff(np.eye(frames), axis=0), axes) / FORCE_STEP_SD
+    initial = np.eye(unknowns)[3 * frames :]
+    return np.vstack([size, np.pad(change, ((0, 0), (0, unknowns - 3 * frames))), initial])

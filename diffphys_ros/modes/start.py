@@ -1,0 +1,207 @@
+"""Start values: from tracks and the filled body to Young's moduli, damping and force, without any simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..config import Settings
+from ..types import Body, Camera, StartValues, Tracks
+from .force import ForceProblem, Solution
+from .model import ModalModel
+from .observation import Motion, Projection, observe
+from .spread import log10_young_sd
+from .support import Support, find_support
+from .tail import MODEL_ERROR, Physics, Tail
+
+if TYPE_CHECKING:
+    from .elements import Elements
+
+UNIT_YOUNG = 1e5  # [Pa]; any would do for a linear solid without weight
+WIDE_RATIOS, NARROW_RATIOS = (0.1, 0.35, 3.0), (0.7, 1.4)  # between parts, at which the Ritz basis is exact
+RIGID = 1e-9  # squared frequencies below this share of the largest are rigid motions
+BASES = 3  # most times that the basis is moved to the fit
+SETTLED = 0.1  # change of log E that needs no new basis
+NARROW_MODES = 6  # per further point of the basis
+ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
+WIDEST_SD = 0.15  # of log10 E that still counts as identified
+STILL = 4.0  # motion over noise below which nothing can be said
+GUESS_SD = 0.5  # of log10 E of a guess
+PRIOR_DAMPING = 1e-3  # stiffness damping of a guess [s]
+
+
+def start_values(
+    body: Body,
+    tracks: Tracks,
+    period_s: float,
+    settings: Settings,
+    report: Callable[[str], None] | None = None,
+    *,
+    camera: Camera | None = None,
+) -> tuple[StartValues, ModalModel]:
+    """Young's modulus per part and damping from the free tail, force from all frames, and the modes they came from.
+
+    Args:
+        body: filled solid.
+        tracks: surface points.
+        period_s: time between frames [s].
+        settings: `modes.*` and `scene.at_rest`.
+        report: takes a line of news after each step.
+        camera: for the lines of sight, where the tracks have no depth.
+    """
+    from .elements import Elements
+
+    say = report or (lambda text: None)
+    motion = observe(body, tracks, camera)
+    support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.coherent_m)
+    if motion.size_m < STILL * motion.noise_m:
+        support = replace(support, has_free_tail=False)
+    say(_describe(support))
+    fit = _Fit(Elements.of(body), body, tracks, motion, support, period_s, settings)
+    say(f"finite elements: {len(fit.elements.nodes)} nodes")
+    physics, modal = fit.physics() if support.has_free_tail else fit.guess()
+    say("Young's modulus " + ", ".join(f"{e:.4g} Pa" for e in physics.young))
+    return fit.values(physics, modal), modal
+
+
+def _describe(support: Support) -> str:
+    frames = np.flatnonzero(support.forced)
+    span = f"force in frames {frames[0]}..{frames[-1]}" if len(frames) else "no forced frames"
+    return span + "; " + (", ".join(f"{f:.3f} Hz" for f in support.frequencies_hz) or "no free oscillation")
+
+
+@dataclass(frozen=True)
+class _Fit:
+    elements: Elements
+    body: Body
+    tracks: Tracks
+    motion: Motion
+    support: Support
+    period_s: float
+    settings: Settings
+
+    def physics(self) -> tuple[Physics, ModalModel]:
+        """Tail fit, with the basis moved to where the fit lies until it rests."""
+        hz, decay = self.support.frequencies_hz[0], self.support.decay_per_s[0]
+        unit = np.full(self.body.parts, UNIT_YOUNG)
+        modal = self._basis(unit, WIDE_RATIOS, loaded=False)
+        guess = _swinging_at(modal, unit, hz) * self.settings.modes.start_scale
+        physics = self.tail(modal).fit(guess, hz, decay)
+        for _ in range(BASES):
+            before = physics.young
+            modal = self._basis(before, NARROW_RATIOS)
+            physics = self.tail(modal).search(physics)[1]
+            if np.abs(np.log(physics.young / before)).max() < SETTLED:
+                break
+        return physics, modal
+
+    def guess(self) -> tuple[Physics, ModalModel]:
+        """One modulus for all parts at which the lowest mode swings at the clip's strongest frequency."""
+        hz = _strongest_hz(self.motion.coordinates[:, 0], self.period_s)
+        unit = np.full(self.body.parts, UNIT_YOUNG)
+        young = _swinging_at(self._basis(unit, (), loaded=False), unit, hz) * self.settings.modes.start_scale
+        return Physics(young, 0.0, PRIOR_DAMPING, np.zeros(0)), self._basis(young, NARROW_RATIOS)
+
+    def _basis(self, young: np.ndarray, ratios: tuple[float, ...], *, loaded: bool = True) -> ModalModel:
+        from .elements import modal_model
+
+        count = self.settings.modes.count
+        outer = [np.where(np.arange(len(young)) == i, r, 1.0) for i in range(1, len(young)) for r in ratios]
+        counts = [count] + [min(count, NARROW_MODES)] * len(outer)
+        return modal_model(self.elements, [young, *(young * o for o in outer)], counts, loaded=loaded)
+
+    def tail(self, modal: ModalModel) -> Tail:
+        """The tail's misfit under a modal model."""
+        first = self.support.tail_start
+        seen = Projection.of(self.motion, modal)
+        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((seen.data[first:] ** 2).sum(1).mean())))
+        at_rest = self.settings.scene.at_rest
+        return Tail(modal, seen, first, self.period_s, self.motion.known, at_rest, sigma, self.settings.modes.count)
+
+    def force_problem(self, modal: ModalModel) -> ForceProblem:
+        """The misfit of all frames under a modal model and a force."""
+        q, known = self.motion.coordinates, self.motion.known
+        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
+        acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
+        mass = float((self.body.density[self.body.part - 1] * self.body.half_thickness * self.body.inside).sum() * 2 * self.body.pitch_m**2)
+        unit = max(acceleration, 1e-6) * mass / self.body.volume_m3
+        allowed = self.support.allowed if self.support.has_free_tail else np.ones(len(q), bool)
+        seen = Projection.of(self.motion, modal)
+        largest = self.motion.size_m / max(np.linalg.norm(seen.operator[:, 0]), 1e-12)
+        return ForceProblem(modal, seen, self.period_s, known, allowed, self.settings.scene.at_rest, sigma, unit, float(largest))
+
+    def values(self, physics: Physics, modal: ModalModel) -> StartValues:
+        """Force, spread and words for given physics."""
+        problem, tail, support = self.force_problem(modal), self.tail(modal), self.support
+        problem = problem.extended(physics) if support.has_free_tail else problem
+        family, footprint, solution = problem.best_footprint(physics)
+        residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3))
+        free = support.has_free_tail
+        sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else np.full(self.body.parts, GUESS_SD)
+        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m)
+        return StartValues(
+            young=physics.young,
+            log10_young_sd=sd,
+            mass_damping=physics.mass_damping,
+            stiffness_damping=physics.stiffness_damping,
+            forced=problem.allowed,
+            force_family=family,
+            footprint=footprint,
+            force=solution.force,
+            initial_displacement=solution.initial_displacement,
+            initial_velocity=solution.initial_velocity,
+            frequencies_hz=modal.frequencies(physics.young),
+            observed_hz=support.frequencies_hz,
+            decay_per_s=support.decay_per_s,
+            residual_m=residual,
+            track_cost=self._track_cost(problem, physics, solution, problem.footprint_load(family, footprint)),
+            identified=np.array([not r[0] for r in reasons]),
+            reasons=tuple(r[1] for r in reasons),
+            has_free_tail=free,
+        )
+
+    def _track_cost(self, problem: ForceProblem, physics: Physics, solution: Solution, load: np.ndarray) -> float:
+        """Mean squared misfit of the linear motion on the raw tracks over their mean squared motion."""
+        q = problem.modal.respond(
+            physics.young,
+            mass_damping=physics.mass_damping,
+            stiffness_damping=physics.stiffness_damping,
+            load=solution.force @ load.T,
+            period_s=self.period_s,
+            initial_displacement=solution.initial_displacement,
+            initial_velocity=solution.initial_velocity,
+        )
+        return self.motion.misfit_share(problem.modal, q - q[:1])
+
+    def _reasons(self, sd: np.ndarray, residual: float, size: float) -> list[tuple[bool, str]]:
+        """Per part whether it is not identified, and a sentence."""
+        if not self.support.has_free_tail:
+            moved = self.motion.size_m >= STILL * self.motion.noise_m
+            why = "the clip shows no free oscillation of sufficient length" if moved else "the object hardly moves"
+            return [(True, f"{why}, so this Young's modulus is a guess; record a longer tail without force.")] * len(sd)
+        if residual > ALARM_NOISE * self.motion.coherent_m and residual > ALARM_SHARE * size:
+            text = f"the free motion differs from the fitted modes by {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
+            return [(True, text)] * len(sd)
+        return [
+            (True, f"log10 E is known to +-{s:.2f} only: this part hardly strains in the free motion.")
+            if s > WIDEST_SD
+            else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
+            for s in sd
+        ]
+
+
+def _swinging_at(modal: ModalModel, young: np.ndarray, hz: float) -> np.ndarray:
+    """`young` times the factor that moves the lowest elastic mode to a frequency, gravity left out."""
+    squares = np.linalg.eigvalsh(modal.matrix(young) - modal.geometric)
+    return young * (2 * np.pi * hz) ** 2 / squares[squares > RIGID * squares[-1]][0]
+
+
+def _strongest_hz(q: np.ndarray, period_s: float) -> float:
+    """Frequency of the largest peak of the spectrum, at least one swing per clip."""
+    power = np.abs(np.fft.rfft(q - q.mean(), 8 * len(q))) ** 2
+    hz = np.fft.rfftfreq(8 * len(q), period_s)
+    floor = 1.0 / (len(q) * period_s)
+    return float(max(hz[np.where(hz < floor, 0.0, power).argmax()], floor))
