@@ -36,7 +36,7 @@ def main() -> int:
         "splat_node": node("splat_node", given),
         "segment_node": node("segment_node", given),
         "ingest_node": node("ingest_node", given | {"reliability": "reliable"}),
-        "inspect_node": node("inspect_node", {}),
+        "inspect_node": node("inspect_node", {"file": OUT / "inspect.rrd"}),
         "camera": module("diffphys_ros.nodes.replay", str(sample / "clip.mcap")),
     }
     good = all([run("one", one), run("five", five)])

@@ -54,8 +54,9 @@ install() {
     [[ -n $torch ]] || stop "constraints.txt holds no 'torch==VERSION' line; restore it"
     echo "setup: installing pinned dependencies (a minute or two)"
     if wants_cpu_torch; then
-        # the plain wheel would bring gigabytes of CUDA libraries; PyTorch documents this index for its CPU builds
-        "${pip[@]}" "torch==$torch+cpu" --extra-index-url "$cpu_index"
+        # the plain wheel would bring gigabytes of CUDA libraries; PyTorch documents this index for its CPU builds.
+        # Without its dependencies, which the next step brings: that index is asked for one package only.
+        "${pip[@]}" --no-deps "torch==$torch+cpu" --extra-index-url "$cpu_index"
     else
         "${pip[@]}" "torch==$torch"
     fi
