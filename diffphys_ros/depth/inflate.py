@@ -1,20 +1,22 @@
-"""Surface depth without a depth topic: the object's front plane, where what is known of the scene puts it."""
+"""Surface depth without a depth topic: a slab whose front lies where what is known of the scene puts it."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..config import Settings
-from ..types import Clip
+from ..types import Camera, Clip
 
 ASSUMED_DISTANCE_M = 1.0
+LAYERS = 32  # steps through the thickness in the search for a side face
 
 
 def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, str]:
-    """Depth [m] (H, W) at which the rays of the object's pixels meet its front plane, and where that plane comes from.
+    """Depth [m] (H, W) of the object's pixels on a slab of the scene's thickness, and where its front plane comes from.
 
-    Metric where clamp box, thickness axis and the camera's pose are known: the plane across the axis, half a thickness in front of
-    the box's centre. Otherwise a plane one metre away, across the optical axis: everything metric is then assumed.
+    Metric where clamp box, thickness axis and the camera's pose are known: the front lies across the axis, half a thickness before
+    the box's centre. Otherwise it lies one metre away, across the optical axis: everything metric is then assumed. Pixels whose ray
+    meets the front beside the silhouette see a side face, and get the depth at which the ray enters the slab.
     """
     scene, camera = settings.scene, clip.camera
     if scene.clamp_box_m is None or scene.thickness_axis is None or not camera.pose_known:
@@ -22,8 +24,35 @@ def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np
     centre = np.reshape(scene.clamp_box_m, (2, 3)).mean(0)
     axis = np.array(scene.thickness_axis, float) / np.linalg.norm(scene.thickness_axis)
     normal = axis * np.sign((camera.position - centre) @ axis)
-    front = centre + normal * (scene.thickness_m or 0.0) / 2
-    pixels = np.stack(np.meshgrid(np.arange(mask.shape[1]), np.arange(mask.shape[0])), -1).astype(float)
-    slope = camera.rays(pixels) @ normal
-    depth = ((front - camera.position) @ normal) / np.where(slope < -1e-3, slope, -np.inf)
-    return np.where(mask & (depth > 0), depth, 0.0).astype(np.float32), "inflated from the silhouette on the clamp's plane"
+    thickness = scene.thickness_m or 0.0
+    v, u = np.nonzero(mask)
+    rays = camera.rays(np.stack([u, v], -1).astype(float))
+    depth = np.zeros(mask.shape, np.float32)
+    depth[v, u] = _entry(camera, rays, mask, centre + normal * thickness / 2, normal, thickness)
+    return depth, "inflated from the silhouette on the clamp's plane"
+
+
+def _entry(camera: Camera, rays: np.ndarray, mask: np.ndarray, front: np.ndarray, normal: np.ndarray, thickness: float) -> np.ndarray:
+    """Depth [m] (P,) at which rays (P, 3) enter the slab between the plane through `front` across `normal` and that a thickness behind.
+
+    A point between the planes is inside where its column, continued to either plane, falls into the mask.
+    """
+    slope = rays @ normal
+    towards = np.where(slope < -1e-3, slope, np.nan)
+    nearest = ((front - camera.position) @ normal) / towards
+    entry = np.full(len(rays), np.nan)
+    for layer in np.linspace(0, thickness, LAYERS + 1 if thickness else 1):
+        depth = nearest - layer / towards
+        column = camera.position + rays * depth[:, None] + normal * layer
+        inside = _falls_in(camera, column, mask) & _falls_in(camera, column - normal * thickness, mask)
+        entry = np.where(np.isnan(entry) & inside, depth, entry)
+    depth = np.where(np.isnan(entry), nearest, entry)
+    return np.where(depth > 0, depth, 0.0)
+
+
+def _falls_in(camera: Camera, points: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    pixels = camera.project(np.nan_to_num(points, nan=np.inf))[0] if len(points) else np.zeros((0, 2))
+    index = np.rint(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(int)
+    seen = ((index >= 0) & (index < (mask.shape[1], mask.shape[0]))).all(-1)
+    index = np.where(seen[:, None], index, 0)
+    return seen & mask[index[:, 1], index[:, 0]]

@@ -31,7 +31,8 @@ def points_from_depth(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0:
 def points_on_planes(camera: Camera, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """World points (T, M, 3) [m] where the pixel rays meet the plane across `normal` through each frame-0 point.
 
-    Used without a depth topic: motion along `normal` is not seen.
+    Used without a depth topic: motion along the line of sight is not seen, so a point may be off along its own ray; compare only
+    the components across that ray with a model.
     """
     surface = _at(depth0, pixels[0])
     start = camera.backproject(pixels[0].astype(float), surface)
