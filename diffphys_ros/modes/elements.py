@@ -151,6 +151,7 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
         full.reshape(len(elements.nodes), 3, -1),
         np.stack([basis.T @ (k @ basis) for k in elements.stiffness]),
         np.zeros((basis.shape[1],) * 2) if geometric is None else basis.T @ (geometric @ basis),
+        np.zeros((basis.shape[1],) * 2),
         basis.T @ elements.gravity,
         np.asarray(youngs[0], float),
     )

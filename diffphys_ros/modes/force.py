@@ -10,7 +10,6 @@ from scipy.optimize import minimize
 
 from .model import ModalModel
 from .observation import Projection
-from .response import Step
 from .tail import Physics
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
@@ -18,8 +17,8 @@ FORCE_STEP_SD = 0.7  # of the change from frame to frame, same unit
 AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest
 GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
-EDGE_GAIN = 0.9  # a frame joins the forced ones at either end where that lowers the cost below this share
-MOST_EDGE = 4  # frames that may join at an end
+EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak
+MOST_EDGE = 3  # frames that may join at an end
 CENTRES = (6, 3)  # of the search over footprints, along and across the body
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
 
@@ -63,9 +62,7 @@ class ForceProblem:
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
         force_unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
-        omega2, shapes = self.modal.eigen(physics.young)
-        omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
-        step = Step.of(omega2, 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2), self.period_s)
+        step, shapes = self.modal.step(physics.young, physics.mass_damping, physics.stiffness_damping, self.period_s)
         seen, frames, count = self.seen.operator @ shapes, np.flatnonzero(self.allowed), len(self.known)
         echo = np.einsum("dk,tk,kc->tdc", seen, step.pulse(count), shapes.T @ footprint, optimize=True) * force_unit
         design = np.zeros((count, seen.shape[0], len(frames), 3))
@@ -75,7 +72,7 @@ class ForceProblem:
         if not self.at_rest:
             released = step.released(count)[:, :, :INITIAL_MODES]
             released[:, 0] -= 1.0  # displacements are measured from frame 0
-            speed = np.sqrt(np.maximum(omega2[:INITIAL_MODES], 1.0))
+            speed = np.sqrt(np.maximum(self.modal.eigen(physics.young)[0][:INITIAL_MODES], 1.0))
             unit = np.stack([np.full(len(speed), self.motion_unit), self.motion_unit * speed])
             blocks.append(np.einsum("dk,tjk,jk->tdjk", seen[:, :INITIAL_MODES], released, unit).reshape(count, seen.shape[0], -1))
         matrix = np.concatenate(blocks, 2)[self.known].reshape(-1, sum(b.shape[2] for b in blocks)) / self.sigma_m
@@ -91,17 +88,20 @@ class ForceProblem:
             start = np.einsum("rk,jk->jr", shapes[:, :INITIAL_MODES], unknown[3 * len(frames) :].reshape(2, -1) * unit)
         return Solution(float(residual @ residual), force, start[0], start[1], residual)
 
-    def extended(self, physics: Physics) -> ForceProblem:
-        """The problem with the support grown at its ends, where onsets too weak for the recursion still show in the motion."""
-        problem, cost = self, self.solve(physics, self.uniform_load).cost
+    def edges(self, physics: Physics) -> tuple[int, int]:
+        """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""
+        found = []
         for shift in (-1, 1):
-            for _ in range(MOST_EDGE):
-                wider = replace(problem, allowed=problem.allowed | _shifted(problem.allowed, shift))
-                trial = wider.solve(physics, self.uniform_load).cost
-                if trial > EDGE_GAIN * cost:
+            problem, best, count = self, self.solve(physics, self.uniform_load), 0
+            while count < MOST_EDGE:
+                problem = replace(problem, allowed=problem.allowed | _shifted(problem.allowed, shift))
+                trial = problem.solve(physics, self.uniform_load)
+                size = np.linalg.norm(trial.force[np.flatnonzero(problem.allowed)[0 if shift < 0 else -1]])
+                if best.cost - trial.cost < EDGE_GAIN or size < EDGE_SHARE * np.linalg.norm(trial.force, axis=1).max():
                     break
-                problem, cost = wider, trial
-        return problem
+                best, count = trial, count + 1
+            found.append(count)
+        return found[0], found[1]
 
     def best_footprint(self, physics: Physics) -> tuple[str, np.ndarray, Solution]:
         """The uniform family, or a Gaussian footprint where that explains the motion clearly better."""

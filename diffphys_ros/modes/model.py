@@ -21,9 +21,10 @@ class ModalModel:
     """Small motions u(x, t) = sum_k basis_k(x) q_k(t) of the body about its shape in frame 0, body frame.
 
     The basis is mass-orthonormal, so that with load p_k = integral of f . basis_k dV
-    q'' + (alpha + beta K) q' + K q = p,  K = sum_i young_i stiffness_i + geometric,
+    q'' + (alpha + beta K) q' + K q = p,  K = sum_i young_i stiffness_i + geometric + retuning,
     and at the Young's moduli of `reference` its vectors are the eigenmodes, lowest first. Strain energy of gravity's
-    prestress enters as `geometric` (independent of a common factor of all moduli).
+    prestress enters as `geometric` (independent of a common factor of all moduli); `retuning` is what the body's frequencies
+    were seen to differ from the elements'.
     """
 
     nodes: np.ndarray  # of quadratic tetrahedra, body frame [m], (N, 3)
@@ -32,6 +33,7 @@ class ModalModel:
     basis: np.ndarray  # [kg^-1/2], (N, 3, r)
     stiffness: np.ndarray  # per part and Pa [1/(Pa s^2)], (n, r, r)
     geometric: np.ndarray  # [1/s^2], (r, r)
+    retuning: np.ndarray  # [1/s^2], (r, r)
     gravity_load: np.ndarray  # [N/kg^1/2], (r,)
     reference: np.ndarray  # Young's moduli [Pa] at which the basis is diagonal, (n,)
 
@@ -40,9 +42,13 @@ class ModalModel:
         """Number of basis vectors r."""
         return self.basis.shape[2]
 
+    def elastic(self, young: np.ndarray) -> np.ndarray:
+        """The elastic part of K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
+        return np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness)
+
     def matrix(self, young: np.ndarray) -> np.ndarray:
         """K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
-        return np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness) + self.geometric
+        return self.elastic(young) + self.geometric + self.retuning
 
     def eigen(self, young: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared angular frequencies (r,) [1/s^2], lowest first, and mode shapes (r, r) as columns of basis coordinates.
@@ -77,7 +83,7 @@ class ModalModel:
 
     def gravity_coordinates(self, young: np.ndarray) -> np.ndarray:
         """Basis coordinates (r,) of the static displacement under gravity: frame 0 minus the stress-free shape, to first order."""
-        return np.linalg.solve(np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness), self.gravity_load)
+        return np.linalg.solve(self.elastic(young), self.gravity_load)
 
     def step(self, young: np.ndarray, mass_damping: float, stiffness_damping: float, period_s: float) -> tuple[Step, np.ndarray]:
         """Exact transition of the eigenmodes over a frame, and their shapes (r, r)."""
@@ -153,6 +159,13 @@ class ModalModel:
         those of `jacobian`."""
         return np.einsum("mcr,trs->tmcs", self.evaluate(points)[0], self.jacobian(young, **motion), optimize=True)  # type: ignore[arg-type]
 
+    def retuned(self, young: np.ndarray, detune: np.ndarray) -> ModalModel:
+        """The same model whose leading frequencies at `young` are exp(detune) (k,) times as high; the shapes stay."""
+        omega2, shapes = self.eigen(young)
+        change = omega2[: len(detune)] * np.expm1(2 * detune)
+        leading = shapes[:, : len(detune)]
+        return replace(self, retuning=self.retuning + (leading * change) @ leading.T)
+
     def rotated(self, young: np.ndarray, modes: int | None = None) -> ModalModel:
         """The same model with the eigenmodes at `young` as basis; only the lowest `modes` of them where given."""
         shapes = self.eigen(young)[1][:, :modes]
@@ -163,6 +176,7 @@ class ModalModel:
             basis=self.basis @ shapes,
             stiffness=shapes.T @ self.stiffness @ shapes,
             geometric=shapes.T @ self.geometric @ shapes,
+            retuning=shapes.T @ self.retuning @ shapes,
             gravity_load=shapes.T @ self.gravity_load,
             reference=np.asarray(young, float).copy(),
         )

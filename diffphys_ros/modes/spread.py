@@ -13,7 +13,7 @@ from .mesh import narrowest_limb
 from .tail import Physics, Tail, differences, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
-DENSITY_CONTRAST = 0.2  # standard deviation of ln(density) of a part when only the mass of all is given
+DENSITY_CONTRAST = 0.15  # standard deviation of ln(density) of a part when only the mass of all is given
 
 
 def log10_young_sd(tail: Tail, physics: Physics, body: Body, tracks: Tracks, *, density_known: bool) -> np.ndarray:

@@ -62,9 +62,12 @@ def start_values(
     say(_describe(support))
     fit = _Fit(Elements.of(body), body, tracks, motion, support, period_s, settings)
     say(f"finite elements: {len(fit.elements.nodes)} nodes")
-    physics, modal = fit.physics() if support.has_free_tail else fit.guess()
+    if support.has_free_tail:
+        fit, physics, modal = fit.settled()
+    else:
+        physics, modal = fit.guess()
     say("Young's modulus " + ", ".join(f"{e:.4g} Pa" for e in physics.young))
-    return fit.values(physics, modal), modal
+    return fit.values(physics, modal), modal.retuned(physics.young, physics.detune)
 
 
 def _describe(support: Support) -> str:
@@ -82,6 +85,15 @@ class _Fit:
     support: Support
     period_s: float
     settings: Settings
+
+    def settled(self) -> tuple[_Fit, Physics, ModalModel]:
+        """Tail fit, the support grown by what the fit shows, and the tail fitted again where it grew."""
+        physics, modal = self.physics()
+        edges = self.force_problem(modal.retuned(physics.young, physics.detune)).edges(physics)
+        if not any(edges):
+            return self, physics, modal
+        fit = replace(self, support=self.support.grown(*edges))
+        return fit, fit.tail(modal).search(physics)[1], modal
 
     def physics(self) -> tuple[Physics, ModalModel]:
         """Tail fit, with the basis moved to where the fit lies until it rests."""
@@ -135,8 +147,8 @@ class _Fit:
 
     def values(self, physics: Physics, modal: ModalModel) -> StartValues:
         """Force, spread and words for given physics."""
-        problem, tail, support = self.force_problem(modal), self.tail(modal), self.support
-        problem = problem.extended(physics) if support.has_free_tail else problem
+        tail, support = self.tail(modal), self.support
+        problem = self.force_problem(modal.retuned(physics.young, physics.detune))
         family, footprint, solution = problem.best_footprint(physics)
         residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3))
         free = support.has_free_tail
@@ -153,7 +165,7 @@ class _Fit:
             force=solution.force,
             initial_displacement=solution.initial_displacement,
             initial_velocity=solution.initial_velocity,
-            frequencies_hz=modal.frequencies(physics.young),
+            frequencies_hz=problem.modal.frequencies(physics.young),
             observed_hz=support.frequencies_hz,
             decay_per_s=support.decay_per_s,
             residual_m=residual,

@@ -5,7 +5,7 @@ A linear body that is left alone obeys q[k+2] = A q[k+1] + B q[k]; what a frame 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,15 @@ class Support:
         """The forced frames and one more on each side: onsets are weak, bool, (T,)."""
         f = self.forced
         return f | np.r_[f[1:], False] | np.r_[False, f[:-1]]
+
+    def grown(self, before: int, after: int) -> Support:
+        """The same with more forced frames before the first and after the last."""
+        forced = self.forced.copy()
+        active = np.flatnonzero(forced)
+        if len(active):
+            forced[max(active[0] - before, 0) : active[0]] = True
+            forced[active[-1] : active[-1] + after + 1] = True
+        return replace(self, forced=forced)
 
     @property
     def tail_start(self) -> int:
