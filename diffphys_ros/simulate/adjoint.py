@@ -33,6 +33,11 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
     t = common(real)
     vec3, vec4, mat33, Lattice = t.vec3, t.vec4, t.mat33, t.Lattice
     cell, inside, first, lift, column, weights, slopes = t.cell, t.inside, t.first, t.lift, t.column, t.weights, t.slopes
+    scaled, madd, madd_each, gather, scatter = t.scaled, t.madd, t.madd_each, t.gather, t.scatter
+
+    @wp.func
+    def total(a: vec4):
+        return a[0] + a[1] + a[2] + a[3]
 
     @kernel
     def g2p_adjoint(
@@ -40,6 +45,7 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
         lattice: Lattice,
         slot: int,
         next_slot: int,
+        at: int,
         xs: wp.array2d(dtype=vec3),
         vs: wp.array2d(dtype=vec3),
         Cs: wp.array2d(dtype=mat33),
@@ -58,6 +64,7 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
             return
         o = first(u)
         f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        step = vec3(real(0.0), real(1.0), real(2.0))
         wx = weights(f[0])
         wy = weights(f[1])
         wz = weights(f[2])
@@ -70,33 +77,38 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
         qx = column(Q, 0)
         qy = column(Q, 1)
         qz = column(Q, 2)
-        gx = real(0.0)
-        gy = real(0.0)
-        gz = real(0.0)
+        gx = vec4()
+        gy = vec4()
+        gz = vec4()
         for i in range(3):
-            ai = a + (real(i) - f[0]) * qx
+            ai = madd(madd(a, step[i] - f[0], qx), -f[2], qz)
             for j in range(3):
                 n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
-                q0 = ai + (real(j) - f[1]) * qy - f[2] * qz
-                q1 = q0 + qz
-                q2 = q1 + qz
+                q0 = madd(ai, step[j] - f[1], qy)
+                q1 = madd(q0, real(1.0), qz)
+                q2 = madd(q0, real(2.0), qz)
                 w = wx[i] * wy[j]
-                s0 = wp.dot(velocity[n], q0)
-                s1 = wp.dot(velocity[n + 1], q1)
-                s2 = wp.dot(velocity[n + 2], q2)
-                wp.atomic_add(velocity_bar, n, (w * wz[0]) * q0)
-                wp.atomic_add(velocity_bar, n + 1, (w * wz[1]) * q1)
-                wp.atomic_add(velocity_bar, n + 2, (w * wz[2]) * q2)
-                e = wz[0] * s0 + wz[1] * s1 + wz[2] * s2
-                gx += sx[i] * wy[j] * e
-                gy += wx[i] * sy[j] * e
-                gz += w * (sz[0] * s0 + sz[1] * s1 + sz[2] * s2)
-        x_bar[p] = x_bar[p] + (vec3(gx, gy, gz) - wp.transpose(Q) * vs[next_slot, p]) / lattice.dx
+                v0 = gather(velocity, at + n)
+                v1 = gather(velocity, at + n + 1)
+                v2 = gather(velocity, at + n + 2)
+                scatter(velocity_bar, n, w * wz[0], q0)
+                scatter(velocity_bar, n + 1, w * wz[1], q1)
+                scatter(velocity_bar, n + 2, w * wz[2], q2)
+                e0 = madd_each(vec4(), v0, q0)
+                e1 = madd_each(vec4(), v1, q1)
+                e2 = madd_each(vec4(), v2, q2)
+                e = madd(madd(scaled(wz[0], e0), wz[1], e1), wz[2], e2)
+                gx = madd(gx, sx[i] * wy[j], e)
+                gy = madd(gy, wx[i] * sy[j], e)
+                gz = madd(gz, w, madd(madd(scaled(sz[0], e0), sz[1], e1), sz[2], e2))
+        slope = vec3(total(gx), total(gy), total(gz))
+        x_bar[p] = x_bar[p] + (slope - wp.transpose(Q) * vs[next_slot, p]) / lattice.dx
         F_bar[p] = next_F_bar + lattice.dt * (wp.transpose(Cs[next_slot, p]) * next_F_bar)
 
     @kernel
     def grid_adjoint(
         # in:
+        at: int,
         keep: wp.array(dtype=real),
         velocity: wp.array(dtype=vec4),
         # out:
@@ -110,7 +122,7 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
             momentum_bar[n] = vec4()
             return
         velocity_bar[n] = vec4()
-        v = velocity[n]
+        v = velocity[at + n]
         scale = v[3]
         along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / keep[0]
         momentum_bar[n] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
@@ -149,6 +161,7 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
             return
         o = first(u)
         f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        step = vec3(real(0.0), real(1.0), real(2.0))
         wx = weights(f[0])
         wy = weights(f[1])
         wz = weights(f[2])
@@ -165,57 +178,55 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
-        total = vec4()
+        received = vec4()
         tx = vec4()
         ty = vec4()
         tz = vec4()
-        gx = real(0.0)
-        gy = real(0.0)
-        gz = real(0.0)
+        gx = vec4()
+        gy = vec4()
+        gz = vec4()
         for i in range(3):
-            bi = b + (real(i) - f[0]) * ax
+            bi = madd(madd(b, step[i] - f[0], ax), -f[2], az)
             for j in range(3):
                 n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
-                h0 = bi + (real(j) - f[1]) * ay - f[2] * az
-                h1 = h0 + az
-                h2 = h1 + az
-                g0 = momentum_bar[n]
-                g1 = momentum_bar[n + 1]
-                g2 = momentum_bar[n + 2]
-                s0 = wp.dot(g0, h0)
-                s1 = wp.dot(g1, h1)
-                s2 = wp.dot(g2, h2)
+                h0 = madd(bi, step[j] - f[1], ay)
+                g0 = gather(momentum_bar, n)
+                g1 = gather(momentum_bar, n + 1)
+                g2 = gather(momentum_bar, n + 2)
+                e0 = madd_each(vec4(), g0, h0)
+                e1 = madd_each(vec4(), g1, madd(h0, real(1.0), az))
+                e2 = madd_each(vec4(), g2, madd(h0, real(2.0), az))
                 w = wx[i] * wy[j]
                 if wp.static(nodal):
                     impulse = lattice.dt * volume[p]
-                    s0 += impulse * wp.dot(lift(node_force[n], real(0.0)), g0)
-                    s1 += impulse * wp.dot(lift(node_force[n + 1], real(0.0)), g1)
-                    s2 += impulse * wp.dot(lift(node_force[n + 2], real(0.0)), g2)
+                    e0 = madd_each(e0, impulse * lift(node_force[n], real(0.0)), g0)
+                    e1 = madd_each(e1, impulse * lift(node_force[n + 1], real(0.0)), g1)
+                    e2 = madd_each(e2, impulse * lift(node_force[n + 2], real(0.0)), g2)
                     for k in range(3):
                         g = momentum_bar[n + k]
                         wp.atomic_add(node_force_bar, n + k, (impulse * w * wz[k]) * vec3(g[0], g[1], g[2]))
-                e = wz[0] * s0 + wz[1] * s1 + wz[2] * s2
-                gx += sx[i] * wy[j] * e
-                gy += wx[i] * sy[j] * e
-                gz += w * (sz[0] * s0 + sz[1] * s1 + sz[2] * s2)
-                g1 = wz[1] * g1
-                g2 = wz[2] * g2
-                s = w * (wz[0] * g0 + g1 + g2)
-                total += s
-                tx += (real(i) - f[0]) * s
-                ty += (real(j) - f[1]) * s
-                tz += w * (g1 + real(2.0) * g2)
-        tz -= f[2] * total
-        b_bar = vec3(total[0], total[1], total[2])
+                e = madd(madd(scaled(wz[0], e0), wz[1], e1), wz[2], e2)
+                gx = madd(gx, sx[i] * wy[j], e)
+                gy = madd(gy, wx[i] * sy[j], e)
+                gz = madd(gz, w, madd(madd(scaled(sz[0], e0), sz[1], e1), sz[2], e2))
+                t = madd(scaled(wz[1], g1), real(2.0) * wz[2], g2)
+                s = scaled(w, madd(madd(scaled(wz[0], g0), wz[1], g1), wz[2], g2))
+                received = madd(received, real(1.0), s)
+                tx = madd(tx, step[i] - f[0], s)
+                ty = madd(ty, step[j] - f[1], s)
+                tz = madd(tz, w, t)
+        tz -= f[2] * received
+        slope = vec3(total(gx), total(gy), total(gz))
+        b_bar = vec3(received[0], received[1], received[2])
         A_bar = lattice.dx * mat33(tx[0], ty[0], tz[0], tx[1], ty[1], tz[1], tx[2], ty[2], tz[2])
         through_F, through_mu, through_lam = stress_adjoint(F, mu[p], lam[p], (-stiff) * A_bar)
-        x_bar[p] = x_bar[p] + (vec3(gx, gy, gz) - wp.transpose(A) * b_bar) / lattice.dx
+        x_bar[p] = x_bar[p] + (slope - wp.transpose(A) * b_bar) / lattice.dx
         v_bar[p] = m * b_bar
         C_bar[p] = m * A_bar
         F_bar[p] = F_bar[p] + through_F
         mu_bar[p] = mu_bar[p] + through_mu
         lam_bar[p] = lam_bar[p] + through_lam
         body_bar[p] = body_bar[p] + (lattice.dt * volume[p]) * b_bar
-        mass_bar[p] = mass_bar[p] + total[3] + wp.dot(b_bar, v) + wp.ddot(A_bar, C)
+        mass_bar[p] = mass_bar[p] + received[3] + wp.dot(b_bar, v) + wp.ddot(A_bar, C)
 
     return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

@@ -1,7 +1,7 @@
 """The forward kernels of one substep: explicit MLS-MPM with APIC transfers (Hu et al. 2018; paper Eq. 6 and 7).
 
     p2g        particles -> momentum and mass of the nodes, elastic stress and forces included
-    grid       nodal velocity: drag, Dirichlet nodes; empties the momentum grid for the next substep
+    grid       nodal velocity, written from node `at` on: drag, Dirichlet nodes; empties the momentum grid for the next substep
     g2p        nodes -> particles: x, v, C, F of the next substep, and the flag of what went wrong
 
 One source for CPU and CUDA, built once per law and scalar type. Stencil loops stay loops (`max_unroll` 0): the module
@@ -18,12 +18,12 @@ from typing import Any
 
 import warp as wp
 
-from . import spline
+from . import lanes, spline
 from .laws import LAWS
 
 LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep * particles + particle) * 4 + reason
 
-OPTIONS = {"enable_backward": False, "max_unroll": 0}
+OPTIONS = {"enable_backward": False, "max_unroll": 3}
 
 
 @cache
@@ -66,7 +66,7 @@ def common(real: type) -> SimpleNamespace:
     def column(A: mat33, j: int):
         return vec4(A[0, j], A[1, j], A[2, j], real(0.0))
 
-    return SimpleNamespace(**locals())
+    return SimpleNamespace(**locals(), **vars(lanes.build(real)))
 
 
 def name(pass_: str, law: str, real: type, nodal: bool) -> str:
@@ -84,6 +84,7 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
     t = common(real)
     vec3, vec4, mat33, Lattice = t.vec3, t.vec4, t.mat33, t.Lattice
     cell, inside, first, lift, column, weights = t.cell, t.inside, t.first, t.lift, t.column, t.weights
+    scaled, madd, gather, scatter = t.scaled, t.madd, t.gather, t.scatter
 
     @kernel
     def p2g(
@@ -109,6 +110,7 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             return
         o = first(u)
         f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        step = vec3(real(0.0), real(1.0), real(2.0))
         wx = weights(f[0])
         wy = weights(f[1])
         wz = weights(f[2])
@@ -119,16 +121,16 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
         ay = column(A, 1)
         az = column(A, 2)
         for i in range(3):
-            bi = b + (real(i) - f[0]) * ax
+            bi = madd(madd(b, step[i] - f[0], ax), -f[2], az)
             for j in range(3):
                 n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
-                bj = (wx[i] * wy[j]) * (bi + (real(j) - f[1]) * ay)
-                aj = (wx[i] * wy[j]) * az
-                wp.atomic_add(momentum, n, wz[0] * (bj - f[2] * aj))
-                wp.atomic_add(momentum, n + 1, wz[1] * (bj + (real(1.0) - f[2]) * aj))
-                wp.atomic_add(momentum, n + 2, wz[2] * (bj + (real(2.0) - f[2]) * aj))
+                w = wx[i] * wy[j]
+                h = madd(bi, step[j] - f[1], ay)
+                scatter(momentum, n, w * wz[0], h)
+                scatter(momentum, n + 1, w * wz[1], madd(h, real(1.0), az))
+                scatter(momentum, n + 2, w * wz[2], madd(h, real(2.0), az))
                 if wp.static(nodal):
-                    impulse = wx[i] * wy[j] * lattice.dt * volume[p]
+                    impulse = w * lattice.dt * volume[p]
                     for k in range(3):
                         wp.atomic_add(momentum, n + k, lift((impulse * wz[k]) * node_force[n + k], real(0.0)))
 
@@ -136,6 +138,7 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
     def grid(
         # in:
         lattice: Lattice,
+        at: int,
         keep: wp.array(dtype=real),
         # out:
         momentum: wp.array(dtype=vec4),
@@ -147,10 +150,10 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             return
         momentum[n] = vec4()
         if n < (lattice.clamp_index + 1) * lattice.ny * lattice.nz or q[3] <= lattice.empty_mass:
-            velocity[n] = vec4()
+            velocity[at + n] = vec4()
         else:
             scale = keep[0] / q[3]
-            velocity[n] = vec4(scale * q[0], scale * q[1], scale * q[2], scale)
+            velocity[at + n] = vec4(scale * q[0], scale * q[1], scale * q[2], scale)
 
     @kernel
     def g2p(
@@ -159,6 +162,7 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
         slot: int,
         next_slot: int,
         substep: int,
+        at: int,
         velocity: wp.array(dtype=vec4),
         # out:
         xs: wp.array2d(dtype=vec3),
@@ -174,6 +178,7 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             return
         o = first(u)
         f = u - vec3(real(o[0]), real(o[1]), real(o[2]))
+        step = vec3(real(0.0), real(1.0), real(2.0))
         wx = weights(f[0])
         wy = weights(f[1])
         wz = weights(f[2])
@@ -183,16 +188,15 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
         bz = vec4()
         for i in range(3):
             for j in range(3):
-                n = ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
-                g0 = wz[0] * velocity[n]
-                g1 = wz[1] * velocity[n + 1]
-                g2 = wz[2] * velocity[n + 2]
+                n = at + ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
+                g1 = scaled(wz[1], gather(velocity, n + 1))
+                g2 = scaled(wz[2], gather(velocity, n + 2))
                 w = wx[i] * wy[j]
-                s = w * (g0 + g1 + g2)
-                v += s
-                bx += (real(i) - f[0]) * s
-                by += (real(j) - f[1]) * s
-                bz += w * (g1 + real(2.0) * g2)
+                s = scaled(w, madd(madd(g1, wz[0], gather(velocity, n)), real(1.0), g2))
+                v = madd(v, real(1.0), s)
+                bx = madd(bx, step[i] - f[0], s)
+                by = madd(by, step[j] - f[1], s)
+                bz = madd(bz, w, madd(g1, real(2.0), g2))
         bz -= f[2] * v
         C = (lattice.affine * lattice.dx) * mat33(bx[0], by[0], bz[0], bx[1], by[1], bz[1], bx[2], by[2], bz[2])
         v3 = vec3(v[0], v[1], v[2])
@@ -213,4 +217,4 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             particles = wp.int64(xs.shape[1])
             wp.atomic_min(flag, 0, (wp.int64(substep) * particles + wp.int64(p)) * wp.int64(4) + reason)
 
-    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p)
+    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p, Lattice=Lattice)

@@ -1,14 +1,9 @@
-"""Runs the kernels: one frame forward, one frame backward by replay. Owns the scratch memory of one simulator.
-
-Memory: torch owns every array, Warp sees views of it. A frame's substep states lie in `slots`; where K + 1 of them do
-not fit the budget, the backward pass keeps every c-th state (c = ceil(sqrt(K))) in `marks` and replays c substeps at a
-time. One momentum and one velocity grid, and their adjoints, serve every substep.
-"""
+"""One frame forward, one frame backward: over the tape that was kept, or by replaying the frame from its first state."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import weakref
 from typing import Any
 
 import numpy as np
@@ -17,229 +12,140 @@ import warp as wp
 from torch import Tensor
 
 from ..types import Grid
-from .adjoint import adjoint
-from .kernels import common, forward
+from .box import Box
+from .kernels import common
+from .plan import NODE_VALUES, Plan
+from .scratch import NO_FLAG, Inputs, Scratch
 from .state import WIDTH
+from .tape import Tape
 
-NO_FLAG = 2**62
-REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
 EMPTY_SHARE = 1e-12  # nodes below this share of the mean particle mass are empty
+BOX_ROOM = 1.5  # tapes keep velocities for boxes up to this times the one at rest
 
 
-@dataclass
-class Inputs:
-    """What one frame depends on beside its state. Also holds the adjoints of the same."""
+class Lease:
+    """A tape lent to one frame's backward pass; returns by itself when the frame's graph is dropped."""
 
-    mu: Tensor  # [Pa], shape (P,)
-    lam: Tensor  # [Pa], shape (P,)
-    body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
-    mass: Tensor  # [kg], shape (P,)
-    keep: Tensor  # share of velocity kept over a substep, shape (1,)
-    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
-
-    @classmethod
-    def zeros_like(cls, volume: Tensor, loaded_nodes: int) -> Inputs:
-        """All zero, for particles of the given volumes (P,)."""
-        count = len(volume)
-        return cls(*(volume.new_zeros(s) for s in ((count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3))))
-
-    def tensors(self) -> tuple[Tensor, ...]:
-        """The fields in order."""
-        return self.mu, self.lam, self.body, self.mass, self.keep, self.node_force
-
-    def copy_(self, values: tuple[Tensor, ...]) -> None:
-        """Overwrite the fields in place."""
-        for mine, value in zip(self.tensors(), values, strict=True):
-            mine.copy_(value)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How many states of a frame are kept: `slots` consecutive ones, and `marks` chunk starts."""
-
-    substeps: int
-    chunk: int  # substeps replayed at a time
-
-    @classmethod
-    def within(cls, budget_bytes: float, *, substeps: int, state_bytes: int) -> Plan:
-        """All states of a frame where they fit the budget, else chunks of ceil(sqrt(substeps))."""
-        fits = (substeps + 1) * state_bytes <= budget_bytes
-        return cls(substeps, substeps if fits else math.ceil(math.sqrt(substeps)))
-
-    @property
-    def slots(self) -> int:
-        """Consecutive states kept."""
-        return self.chunk + 1
-
-    @property
-    def marks(self) -> int:
-        """Chunk starts kept; none where one chunk is the whole frame."""
-        chunks = math.ceil(self.substeps / self.chunk)
-        return chunks if chunks > 1 else 0
-
-    @property
-    def states(self) -> int:
-        """States kept in all: about 2 sqrt(substeps) where the budget is small."""
-        return self.slots + self.marks
+    def __init__(self, tape: Tape, free: list[Tape]):
+        self.tape = tape
+        self.give_back = weakref.finalize(self, free.append, tape)
 
 
 class Replay:
-    """Scratch memory and recorded launches for one set of particles, grid, law, scalar type and number of substeps."""
+    """Everything that runs on the device, for one set of particles, grid, law, scalar type and number of substeps."""
 
-    def __init__(self, volume: Tensor, mass_scale: float, grid: Grid, plan: Plan, *, period_s: float, law: str, nodal: bool):
+    def __init__(
+        self,
+        x_rest: Tensor,
+        volume: Tensor,
+        mean_mass: float,
+        grid: Grid,
+        *,
+        substeps: int,
+        period_s: float,
+        law: str,
+        nodal: bool,
+        budget: float,
+    ):
         wp.init()
-        self.plan, self.device, self.dtype = plan, volume.device, volume.dtype
-        self.real, self.particles = REAL[volume.dtype], len(volume)
-        self.variant = (law, self.real, nodal)
-        self.lattice = self._lattice(grid, period_s / plan.substeps, mass_scale)
-        self.nodes = math.prod(grid.size)
-        self.volume = volume
-        self.inputs = Inputs.zeros_like(volume, self.nodes * nodal)
-        self.slots = volume.new_zeros(1, self.particles, WIDTH)  # grows to plan.slots with the first backward pass
-        self.momentum, self.velocity = (volume.new_zeros(self.nodes, 4) for _ in range(2))
-        self.flag = torch.full((1,), NO_FLAG, dtype=torch.int64, device=self.device)
-        self._forward: list[wp.Launch] | None = None
-        self._adjoint: list[wp.Launch] | None = None
+        self.grid, self.period_s, self.substeps, self.mean_mass = grid, period_s, substeps, mean_mass
+        self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal)
+        self.variant = (law, self.scratch.real, nodal)
+        self.boxed = volume.device.type == "cpu" and not nodal
+        size = torch.finfo(volume.dtype).bits // 8
+        rest = self._box(torch.cat([x_rest, torch.zeros_like(x_rest)], -1))
+        self.box_room = min(self.scratch.nodes, int(BOX_ROOM * rest.nodes))
+        self.state_bytes, self.velocity_bytes = size * WIDTH * len(volume), size * NODE_VALUES * self.box_room
+        self.plan = Plan.within(budget, substeps=substeps, state=self.state_bytes, velocity=self.velocity_bytes)
+        self.once = self._tape(0, velocity_nodes=0)  # for runs that keep nothing
+        self.free: list[Tape] = []
+        self.lent = 0
+        self._chunk_tape: Tape | None = None
+        self._marks = volume.new_zeros(0)
 
-    def _lattice(self, grid: Grid, dt: float, mass_scale: float) -> Any:
-        lattice = common(self.real).Lattice()
-        lattice.origin = common(self.real).vec3(*grid.origin)
-        lattice.dx, lattice.dt, lattice.affine = grid.dx, dt, 4.0 / grid.dx**2
-        lattice.empty_mass = EMPTY_SHARE * mass_scale
-        lattice.nx, lattice.ny, lattice.nz = grid.size
-        lattice.clamp_index = grid.clamp_index
-        return lattice
+    def forward(self, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> tuple[Tensor, Box, Lease | None]:
+        """State (P, 24) after one frame, the box it ran on, and its tape where one was to be kept and there was room."""
+        lease = self._lend() if keep else None
+        tape = lease.tape if lease else self.once
+        box = self._box(data)
+        after = self._attempt(tape, box, data, values, keep=lease is not None)
+        if self.code != NO_FLAG and box != Box.whole(self.grid):
+            box = Box.whole(self.grid)
+            after = self._attempt(tape, box, data, values, keep=lease is not None)
+        self._last = (tape, lease is not None)
+        return after.clone(), box, lease
+
+    def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor, box: Box, lease: Lease | None) -> tuple[Tensor, Inputs]:
+        """Adjoint of the state (P, 24) before the frame, and of the inputs (overwritten by the next call)."""
+        self.scratch.begin_backward(values, next_bar)
+        if lease and lease.give_back.alive:
+            lease.tape.enter(box, self._lattice(box))
+            lease.tape.reverse(self.substeps)
+            lease.give_back()
+        else:
+            self._replay(data, box)
+        self.scratch.inputs_bar.keep.copy_(self.scratch.keep_bar[: box.nodes].sum())
+        return self.scratch.state_bar.clone(), self.scratch.inputs_bar
 
     def bytes(self) -> int:
-        """Scratch memory [bytes] once gradients were asked for."""
-        size = torch.finfo(self.dtype).bits // 8
-        return size * (WIDTH * self.particles * (self.plan.states + 1) + 17 * self.nodes)
+        """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
+        per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
+        grids = 17 * self.scratch.nodes * self.velocity_bytes // (NODE_VALUES * self.box_room)
+        return per_tape * (1 + self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + grids
 
-    def forward(self, data: Tensor, values: tuple[Tensor, ...]) -> Tensor:
-        """State (P, 24) after one frame."""
-        self._clear(self.momentum, self.velocity)
-        self.inputs.copy_(values)
-        self.slots[0].copy_(data)
-        self.flag.fill_(NO_FLAG)
-        self._run(0, self.plan.substeps, keep=False)
-        return self.slots[0].clone()
+    def position(self, code: int) -> np.ndarray:
+        """Position [m] (3,) of the particle that raised the flag `code`, after the substep that raised it."""
+        substep, particle = divmod(code // 4, len(self.scratch.volume))
+        tape, kept = self._last
+        return tape.states[substep + 1 if kept else 0, particle, :3].cpu().numpy()
 
-    def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor) -> tuple[Tensor, Inputs]:
-        """Adjoint of the state (P, 24) before the frame, and of the inputs."""
-        self._make_room()
-        self.inputs.copy_(values)
-        self.state_bar.copy_(next_bar)
-        self._clear(self.momentum, self.velocity, self.velocity_bar, self.keep_bar, *self.inputs_bar.tensors())
-        self.slots[0].copy_(data)
-        starts = range(0, self.plan.substeps, self.plan.chunk)
-        self._place_marks(starts)
-        for index, start in reversed(list(enumerate(starts))):
-            if self.plan.marks:
-                self.slots[0].copy_(self.marks[index])
-            self._reverse(start, min(start + self.plan.chunk, self.plan.substeps))
-        self.inputs_bar.keep.copy_(self.keep_bar.sum())
-        return self.state_bar.clone(), self.inputs_bar
+    def _attempt(self, tape: Tape, box: Box, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
+        self.scratch.begin_forward(values)
+        tape.enter(box, self._lattice(box))
+        after = tape.run(data, 0, self.substeps, keep=keep)
+        self.code = int(self.scratch.flag.item())
+        return after
 
-    @staticmethod
-    def _clear(*scratch: Tensor) -> None:
-        """Forget what an interrupted or diverged run left behind."""
-        for tensor in scratch:
-            tensor.zero_()
+    def _replay(self, data: Tensor, box: Box) -> None:
+        tape = self._replay_tape()
+        tape.enter(box, self._lattice(box))
+        starts = range(0, self.substeps, self.plan.chunk)
+        marks = [data]
+        for index, start in enumerate(starts[:-1]):
+            self._marks[index + 1].copy_(tape.run(marks[index], start, start + self.plan.chunk, keep=False))
+            marks.append(self._marks[index + 1])
+        for mark, start in zip(reversed(marks), reversed(starts), strict=True):
+            stop = min(start + self.plan.chunk, self.substeps)
+            tape.run(mark, start, stop, keep=True)
+            tape.reverse(stop - start)
 
-    def _place_marks(self, starts: range) -> None:
-        for index, start in enumerate(starts):
-            if self.plan.marks:
-                self.marks[index].copy_(self.slots[0])
-                if index + 1 < self.plan.marks:
-                    self._run(start, start + self.plan.chunk, keep=False)
+    def _replay_tape(self) -> Tape:
+        if self._chunk_tape is None:
+            self._chunk_tape = self._tape(self.plan.chunk, velocity_nodes=self.box_room * self.plan.keep_velocity)
+            self._marks = self.scratch.volume.new_zeros(self.plan.marks, *self.once.states.shape[1:])
+        return self._chunk_tape
 
-    def _reverse(self, start: int, stop: int) -> None:
-        self._run(start, stop, keep=True)
-        for slot in range(stop - start - 1, -1, -1):
-            self._reverse_substep(slot)
+    def _lend(self) -> Lease | None:
+        if not self.free and self.lent < self.plan.kept:
+            self.lent += 1
+            self.free.append(self._tape(self.substeps, velocity_nodes=self.box_room))
+        return Lease(self.free.pop(), self.free) if self.free else None
 
-    def _run(self, start: int, stop: int, *, keep: bool) -> None:
-        p2g, grid, g2p = self._forward or self._record_forward()
-        for n in range(start, stop):
-            slot, after = (n - start, n - start + 1) if keep else (0, 0)
-            p2g.set_param_at_index(1, slot)
-            g2p.set_param_at_index(1, slot)
-            g2p.set_param_at_index(2, after)
-            g2p.set_param_at_index(3, n)
-            p2g.launch()
-            grid.launch()
-            g2p.launch()
+    def _tape(self, length: int, *, velocity_nodes: int) -> Tape:
+        return Tape(self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant)
 
-    def _reverse_substep(self, slot: int) -> None:
-        p2g, grid, _ = self._forward or self._record_forward()
-        g2p_adjoint, grid_adjoint, p2g_adjoint = self._adjoint or self._record_adjoint()
-        p2g.set_param_at_index(1, slot)
-        g2p_adjoint.set_param_at_index(1, slot)
-        g2p_adjoint.set_param_at_index(2, slot + 1)
-        p2g_adjoint.set_param_at_index(1, slot)
-        for command in (p2g, grid, g2p_adjoint, grid_adjoint, p2g_adjoint):
-            command.launch()
+    def _box(self, data: Tensor) -> Box:
+        if not self.boxed:
+            return Box.whole(self.grid)
+        x, v = (data[:, a:b].detach().numpy() for a, b in ((0, 3), (3, 6)))
+        return Box.around(self.grid, x, v, period_s=self.period_s)
 
-    def _make_room(self) -> None:
-        if self._adjoint is not None:
-            return
-        zeros = self.volume.new_zeros
-        self.slots = zeros(self.plan.slots, self.particles, WIDTH)
-        self.marks = zeros(self.plan.marks, self.particles, WIDTH)
-        self.state_bar = zeros(self.particles, WIDTH)
-        self.inputs_bar = Inputs.zeros_like(self.volume, self.nodes * self.variant[2])
-        self.velocity_bar, self.momentum_bar = (zeros(self.nodes, 4) for _ in range(2))
-        self.keep_bar = zeros(self.nodes)
-        self._forward = None
-
-    def _record_forward(self) -> list[wp.Launch]:
-        k, see, state = forward(*self.variant), self._see, self._fields(self.slots)
-        i = self.inputs
-        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
-        momentum, velocity = see(self.momentum, 4), see(self.velocity, 4)
-        self._forward = [
-            self._command(k.p2g, self.particles, [self.lattice, 0, *state, *material, momentum]),
-            self._command(k.grid, self.nodes, [self.lattice, see(i.keep), momentum, velocity]),
-            self._command(k.g2p, self.particles, [self.lattice, 0, 0, 0, velocity, *state, see(self.flag)]),
-        ]
-        return self._forward
-
-    def _record_adjoint(self) -> list[wp.Launch]:
-        k, see, state = adjoint(*self.variant), self._see, self._fields(self.slots)
-        i, b = self.inputs, self.inputs_bar
-        x_bar, v_bar, C_bar, F_bar = self._fields(self.state_bar)
-        material = [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
-        material_bar = [see(b.mu), see(b.lam), see(b.body, 3), see(b.mass), see(b.node_force, 3)]
-        velocity, velocity_bar, momentum_bar = see(self.velocity, 4), see(self.velocity_bar, 4), see(self.momentum_bar, 4)
-        to_grid = [self.lattice, 0, 0, *state, velocity, v_bar, C_bar, x_bar, F_bar, velocity_bar]
-        at_grid = [see(i.keep), velocity, velocity_bar, momentum_bar, see(self.keep_bar)]
-        from_grid = [self.lattice, 0, *state, *material, momentum_bar, x_bar, v_bar, C_bar, F_bar, *material_bar]
-        self._adjoint = [
-            self._command(k.g2p_adjoint, self.particles, to_grid),
-            self._command(k.grid_adjoint, self.nodes, at_grid),
-            self._command(k.p2g_adjoint, self.particles, from_grid),
-        ]
-        return self._adjoint
-
-    def _command(self, kernel: Any, dim: int, inputs: list) -> wp.Launch:
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True)
-
-    def _see(self, tensor: Tensor, length: int = 0) -> Any:
-        if tensor.dtype == torch.int64:
-            return wp.from_torch(tensor, dtype=wp.int64)
-        return wp.from_torch(tensor, dtype=wp.types.vector(length, self.real) if length else self.real)
-
-    def _fields(self, data: Tensor) -> list[Any]:
-        t = common(self.real)
-        vectors = [wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6))]
-        matrices = [wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24))]
-        return vectors + matrices
-
-    def raised(self) -> int | None:
-        """Flag code of the last frame, None where all went well (waits for the device)."""
-        code = int(self.flag.item())
-        return None if code == NO_FLAG else code
-
-    def position(self, particle: int) -> np.ndarray:
-        """Last position of a particle [m], shape (3,)."""
-        return self.slots[0, particle, :3].cpu().numpy()
+    def _lattice(self, box: Box) -> Any:
+        t, dx = common(self.scratch.real), self.grid.dx
+        lattice = t.Lattice()
+        lattice.origin = t.vec3(*(self.grid.origin + dx * np.asarray(box.low)))
+        lattice.dx, lattice.dt, lattice.affine = dx, self.period_s / self.substeps, 4.0 / dx**2
+        lattice.empty_mass = EMPTY_SHARE * self.mean_mass
+        lattice.nx, lattice.ny, lattice.nz = box.size
+        lattice.clamp_index = max(self.grid.clamp_index - box.low[0], -1)
+        return lattice

@@ -14,9 +14,10 @@ from torch import Tensor
 from ..errors import InputError
 from ..types import Grid, Particles
 from .laws import LAWS
-from .replay import Plan, Replay
+from .replay import Replay
+from .scratch import NO_FLAG
 from .stability import max_young, raise_for_flag
-from .state import WIDTH, State
+from .state import State
 
 FORCE_ON = ("particles", "nodes")
 
@@ -28,14 +29,15 @@ class _Frame(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, replay: Replay, data: Tensor, *values: Tensor) -> Tensor:
+        after, ctx.box, ctx.lease = replay.forward(data, values, keep=any(ctx.needs_input_grad))
         ctx.replay = replay
         ctx.save_for_backward(data, *values)
-        return replay.forward(data, values)
+        return after
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
         data, *values = ctx.saved_tensors
-        data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0])
+        data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0], ctx.box, ctx.lease)
         return None, data_bar, *(bar.clone() for bar in inputs_bar.tensors())
 
 
@@ -50,8 +52,9 @@ def _check_name(kind: str, value: str, known: Iterable[str]) -> None:
 class Simulator:
     """Explicit MLS-MPM of one body on one grid, differentiable frame by frame.
 
-    Every length is in the body frame. Scratch memory is about 96 bytes x particles x 2 sqrt(substeps) in float32, or
-    96 bytes x particles x substeps where that fits `memory_budget_mb`; a rollout adds 96 bytes x particles x frames.
+    Every length is in the body frame. A rollout keeps about 96 bytes x particles x frames (float32), and the simulator
+    96 bytes x particles x 2 sqrt(substeps) beside its grids; up to `memory_budget_mb` it keeps substep states of whole
+    frames instead, which saves replays and changes no result.
     """
 
     def __init__(
@@ -66,7 +69,7 @@ class Simulator:
         dtype: torch.dtype = torch.float32,
         law: str = "neo_hookean",
         force_on: str = "particles",
-        memory_budget_mb: float = 256.0,
+        memory_budget_mb: float = 512.0,
     ):
         """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
 
@@ -84,11 +87,18 @@ class Simulator:
         self.density = self.tensor(particles.density)
         self.gravity = self.tensor(np.asarray(gravity, float))
         self._check_reach()
-        state_bytes = WIDTH * len(self.volume) * (torch.finfo(dtype).bits // 8)
-        plan = Plan.within(memory_budget_mb * 2**20, substeps=self.substeps, state_bytes=state_bytes)
         self.nodal = force_on == "nodes"
-        mean_mass = float(particles.mass.mean())
-        self.replay = Replay(self.volume, mean_mass, grid, plan, period_s=self.period_s, law=law, nodal=self.nodal)
+        self.replay = Replay(
+            self.x_rest,
+            self.volume,
+            float(particles.mass.mean()),
+            grid,
+            substeps=self.substeps,
+            period_s=self.period_s,
+            law=law,
+            nodal=self.nodal,
+            budget=memory_budget_mb * 2**20,
+        )
 
     def tensor(self, values: np.ndarray | Tensor) -> Tensor:
         """Values in the simulator's scalar type, on its device."""
@@ -204,8 +214,8 @@ class Simulator:
         return State(data)
 
     def _check_flag(self, number: int, material: tuple[Tensor, Tensor, Tensor]) -> None:
-        code = self.replay.raised()
-        if code is None:
+        code = self.replay.code
+        if code == NO_FLAG:
             return
         mu, lam, _ = (m.detach() for m in material)
         count = len(self.volume)
@@ -214,7 +224,7 @@ class Simulator:
             particles=count,
             frame=number,
             substeps=self.substeps,
-            where=self.replay.position(code // 4 % count),
+            where=self.replay.position(code),
             stiffest=float((mu * (3 * lam + 2 * mu) / (lam + mu)).max()),
             allowed=self.max_young(),
         )

@@ -1,0 +1,45 @@
+"""What a simulator keeps in memory between the forward and the backward pass of a frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+NODE_VALUES = 4  # scalars per node of a velocity grid
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes of the tapes. A tape holds the states of `chunk` + 1 consecutive substeps.
+
+    Three levels, by what fits the budget: the tapes of `kept` frames stay from the forward to the backward pass, which
+    then replays nothing; every other frame is replayed whole (chunk = substeps), with the nodal velocities beside the
+    states where they fit too; else it is replayed from `marks` a chunk of ceil(sqrt(substeps)) at a time.
+    """
+
+    substeps: int
+    chunk: int
+    keep_velocity: bool
+    kept: int
+
+    @classmethod
+    def within(cls, budget: float, *, substeps: int, state: int, velocity: int) -> Plan:
+        """The plan for a budget and the sizes of one state and one velocity grid, all in bytes."""
+        states = (substeps + 1) * state
+        whole = states + substeps * velocity
+        if whole <= budget:
+            return cls(substeps, substeps, True, int(budget // whole) - 1)
+        if states <= budget:
+            return cls(substeps, substeps, False, 0)
+        return cls(substeps, math.ceil(math.sqrt(substeps)), False, 0)
+
+    @property
+    def marks(self) -> int:
+        """Chunk starts kept during a replay; none where one chunk is the whole frame."""
+        chunks = math.ceil(self.substeps / self.chunk)
+        return chunks if chunks > 1 else 0
+
+    @property
+    def states(self) -> int:
+        """States kept during a replay: about 2 sqrt(substeps) where the budget is small."""
+        return self.chunk + 1 + self.marks

@@ -1,0 +1,89 @@
+"""Arrays that every substep of a simulator shares: torch owns them, Warp sees views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from .kernels import common
+from .state import WIDTH
+
+REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
+NO_FLAG = 2**62
+
+
+@dataclass
+class Inputs:
+    """What one frame depends on beside its state; also holds the adjoints of the same."""
+
+    mu: Tensor  # [Pa], shape (P,)
+    lam: Tensor  # [Pa], shape (P,)
+    body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
+    mass: Tensor  # [kg], shape (P,)
+    keep: Tensor  # share of velocity kept over a substep, shape (1,)
+    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
+
+    @classmethod
+    def zeros_like(cls, volume: Tensor, loaded_nodes: int) -> Inputs:
+        """All zero, for particles of the given volumes (P,)."""
+        count = len(volume)
+        return cls(*(volume.new_zeros(s) for s in ((count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3))))
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """The fields in order."""
+        return self.mu, self.lam, self.body, self.mass, self.keep, self.node_force
+
+    def copy_(self, values: tuple[Tensor, ...]) -> None:
+        """Overwrite the fields in place."""
+        for mine, value in zip(self.tensors(), values, strict=True):
+            mine.copy_(value)
+
+
+class Scratch:
+    """Grids, inputs, adjoints and flag, sized for the whole grid."""
+
+    def __init__(self, volume: Tensor, nodes: int, *, nodal: bool):
+        zeros = volume.new_zeros
+        self.volume, self.nodes, self.real = volume, nodes, REAL[volume.dtype]
+        self.inputs = Inputs.zeros_like(volume, nodes * nodal)
+        self.momentum = zeros(nodes, 4)
+        self.flag = torch.full((1,), NO_FLAG, dtype=torch.int64, device=volume.device)
+        self.inputs_bar = Inputs.zeros_like(volume, nodes * nodal)
+        self.state_bar = zeros(len(volume), WIDTH)
+        self.velocity_bar, self.momentum_bar = zeros(nodes, 4), zeros(nodes, 4)
+        self.keep_bar = zeros(nodes)
+
+    def begin_forward(self, values: tuple[Tensor, ...]) -> None:
+        """Take a frame's inputs; forget what an interrupted or diverged run left behind."""
+        self.inputs.copy_(values)
+        self.flag.fill_(NO_FLAG)
+        self.momentum.zero_()
+
+    def begin_backward(self, values: tuple[Tensor, ...], next_bar: Tensor) -> None:
+        """As begin_forward, for the adjoint of the state after the frame (P, 24)."""
+        self.begin_forward(values)
+        self.state_bar.copy_(next_bar)
+        for bar in (self.velocity_bar, self.momentum_bar, self.keep_bar, *self.inputs_bar.tensors()):
+            bar.zero_()
+
+    def fields(self, data: Tensor) -> list[Any]:
+        """Warp views of x, v, C and F of states (..., P, 24)."""
+        t = common(self.real)
+        vectors = [wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6))]
+        matrices = [wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24))]
+        return vectors + matrices
+
+    def see(self, tensor: Tensor, length: int = 0) -> Any:
+        """Warp view of a tensor of scalars, or of vectors of a length."""
+        if tensor.dtype == torch.int64:
+            return wp.from_torch(tensor, dtype=wp.int64)
+        return wp.from_torch(tensor, dtype=wp.types.vector(length, self.real) if length else self.real)
+
+    def material(self) -> list[Any]:
+        """Views of what p2g reads of the particles' inputs."""
+        i, see = self.inputs, self.see
+        return [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
