@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fields import Layout, footprint_weights
-from ..losses import psnr_masked, ssim_masked
+from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..types import Particles, Recovery
 from .curvature import linear_coordinates
 from .forward import Discretisation
-from .images import Renderer, object_mask
+from .images import Renderer
 from .objective import Terms
 from .prepare import Prepared
 
@@ -109,11 +109,11 @@ def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, ob
     clip = prepared.clip
     if frames is None or clip.labels is None:
         return {}
-    mask = object_mask(clip.labels)
+    mask = foreground(clip.labels)
     pairs = [(k, mask[k]) for k in np.flatnonzero(clip.seen) if mask[k].any()]
     return {
         "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
-        "psnr_masked_frozen_frame": float(np.mean([psnr_masked(clip.frames[0], clip.frames[k], m) for k, m in pairs if k > 0])),
+        "psnr_masked_frozen_frame": float(np.mean(psnr_frozen_frame(clip.frames, clip.labels)[[k - 1 for k, _ in pairs if k > 0]])),
         "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
         "ssim_masked_frozen_frame": float(np.mean([ssim_masked(clip.frames[0], clip.frames[k], m) for k, m in pairs if k > 0])),
     }

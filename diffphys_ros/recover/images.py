@@ -8,20 +8,15 @@ import numpy as np
 import torch
 from scipy.ndimage import distance_transform_edt
 
-from ..losses import depth_loss, image_loss
+from ..losses import depth_loss, foreground, image_loss
 from ..particles import Binding, bind, deform_splats
-from ..render import Rasterizer
-from ..types import IGNORE, Clip, Splats
+from ..render import Rasterizer, Window, window_around
+from ..types import Clip, Splats
 from .forward import Discretisation, Motion
 from .prepare import Prepared
 
 MARGIN_PX = 8  # of the rendered window around the object
 CHUNK = 8  # frames rendered at a time when no gradient is wanted
-
-
-def object_mask(labels: np.ndarray) -> np.ndarray:
-    """Pixels of the object (bool) in label images; ignored pixels are none."""
-    return (labels > 0) & (labels != IGNORE)
 
 
 def static_background(clip: Clip) -> np.ndarray:
@@ -60,7 +55,7 @@ class Renderer:
         binding = bind(prepared.body.to_body(splats.mean.astype(float)), disc.particles.x_rest)
         return cls(Rasterizer(prepared.clip.camera, device), binding, *tensors, pose, background)
 
-    def render(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, window: tuple[int, int, int, int] | None) -> tuple[torch.Tensor, ...]:
+    def render(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, window: Window | None) -> tuple[torch.Tensor, ...]:
         """Image (S, h, w, 3), alpha and depth (S, h, w) of particles x (S, P, 3), F (S, P, 3, 3), body frame; x0 (P, 3)."""
         turn, shift = self.world_from_body[:, :3], self.world_from_body[:, 3]
         x, x0, F = x.float() @ turn.T + shift, x0.float() @ turn.T + shift, turn @ F.float() @ turn.T
@@ -80,7 +75,8 @@ class Renderer:
 
 
 class ImageTerm:
-    """Masked L2 + SSIM (paper A.13) and depth misfit over chosen frames, each 1 for the frozen first frame."""
+    """Masked L2 + SSIM (paper A.13) over chosen frames, 1 for the frozen first frame, and the depth misfit in the unit of the
+    track term: half its mean square over the mean squared motion."""
 
     def __init__(self, prepared: Prepared, renderer: Renderer, *, every: int, ssim_weight: float, with_depth: bool):
         clip = prepared.clip
@@ -88,29 +84,28 @@ class ImageTerm:
         self.renderer, self.ssim_weight = renderer, ssim_weight
         chosen = np.arange(every, len(clip), every)
         self.frames = chosen[clip.seen[chosen]]
-        self.window = _window(object_mask(clip.labels))
+        self.window = window_around(foreground(clip.labels).any(0), MARGIN_PX)
         left, top, right, bottom = self.window
         crop = (slice(top, bottom), slice(left, right))
         device = renderer.mean.device
         self.observed = torch.as_tensor(clip.frames[self.frames][:, *crop], device=device).float() / 255
-        self.mask = torch.as_tensor(object_mask(clip.labels[self.frames])[:, *crop], device=device)
+        self.mask = torch.as_tensor(foreground(clip.labels[self.frames])[:, *crop], device=device)
         self.depth = None
         if with_depth and clip.depth is not None:
             self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
-        self.frozen = (1.0, 1.0)
+        self.frozen = 1.0
 
     def calibrate(self, x0: torch.Tensor) -> None:
-        """Measure the misfit of the frozen first frame: particles (P, 3) that never move."""
+        """Measure the image misfit of the frozen first frame: particles (P, 3) that never move."""
         still = x0.detach()[None].expand(len(self.frames), *x0.shape)
         unit = torch.eye(3, dtype=x0.dtype, device=x0.device).expand(*still.shape[:2], 3, 3)
         with torch.no_grad():
-            image, depth = self._misfit(still, x0, unit)
-        self.frozen = (max(float(image), 1e-12), max(float(depth), 1e-12))
+            self.frozen = max(float(self._misfit(still, x0, unit)[0]), 1e-12)
 
-    def __call__(self, motion: Motion) -> tuple[torch.Tensor, torch.Tensor]:
-        """Image and depth misfit over those of the frozen first frame; the latter 0 where the clip has no depth."""
+    def __call__(self, motion: Motion, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Image and depth term; `mean_square` of the observed motion [m^2]. The latter is 0 where the clip has no depth."""
         image, depth = self._misfit(motion.x[self.frames], motion.x[0], motion.F[self.frames])
-        return image / self.frozen[0], depth / self.frozen[1]
+        return image / self.frozen, 0.5 * depth / mean_square
 
     def _misfit(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         image, alpha, depth = self.renderer.render(x, x0, F, self.window)
@@ -118,15 +113,3 @@ class ImageTerm:
         if self.depth is None:
             return misfit, torch.zeros((), device=image.device)
         return misfit, depth_loss(depth, self.depth, self.mask & (alpha > 0.5))
-
-
-def _window(mask: np.ndarray) -> tuple[int, int, int, int]:
-    """Box (left, top, right, bottom) [px] around the object in all frames (T, H, W)."""
-    rows, columns = np.flatnonzero(mask.any((0, 2))), np.flatnonzero(mask.any((0, 1)))
-    height, width = mask.shape[1:]
-    return (
-        int(max(columns[0] - MARGIN_PX, 0)),
-        int(max(rows[0] - MARGIN_PX, 0)),
-        int(min(columns[-1] + 1 + MARGIN_PX, width)),
-        int(min(rows[-1] + 1 + MARGIN_PX, height)),
-    )

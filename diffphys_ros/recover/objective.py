@@ -10,6 +10,7 @@ import torch
 from ..config import Fit
 from ..errors import SimulationError
 from ..fields import Layout
+from ..modes.force import AXIAL_SHARE
 from ..particles import Binding, bind
 from .forward import ForwardModel, Motion
 from .images import ImageTerm
@@ -21,7 +22,7 @@ class Prior:
     """Quadratic priors on z, each the half inverse variance in units of the loss; weak where the data speak.
 
     The force terms are the paper's smoothness (A.14) and a penalty on the mean square force, without which a force and its
-    own wobble about zero mean would cost nothing.
+    own wobble about zero mean would cost nothing; both are tighter along the body, where a force moves hardly anything.
     """
 
     hessian: np.ndarray  # (size, size)
@@ -39,7 +40,8 @@ class Prior:
         adjacent = np.diff(layout.forced) == 1
         difference = np.diff(np.eye(count), axis=0)[adjacent]
         per_frame = (cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference) / layout.frames
-        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, np.eye(3))
+        stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]
         hessian[motion, motion] = cls.MOTION
         return cls(hessian, np.zeros(layout.size))
@@ -62,7 +64,7 @@ class Terms:
     @property
     def value(self) -> float:
         """The loss; infinite where the simulation left its bounds."""
-        return float(self.total)
+        return float(self.total.detach())
 
     def gradient(self) -> np.ndarray:
         """d(loss)/dz, (size,), by replaying the simulation backwards."""
@@ -92,10 +94,10 @@ class Objective:
         track = self.target.loss(self.binding.apply(motion.displacement)).double()
         weighted = {"track": w.track_weight * track, "prior": self.prior.value(leaf)}
         if self.images is not None:
-            image, depth = self.images(motion)
+            image, depth = self.images(motion, self.target.mean_square)
             weighted |= {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
         total = sum((v.cpu() for v in weighted.values()), torch.zeros((), dtype=torch.float64))
-        return Terms(leaf, motion, total, {name: float(v) for name, v in weighted.items()})
+        return Terms(leaf, motion, total, {name: float(v.detach()) for name, v in weighted.items()})
 
     def track_rms(self, motion: Motion) -> float:
         """Misfit of one track coordinate [m]."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
+from ..losses import foreground
 from ..modes.model import ModalModel
-from ..types import IGNORE, Body, Clip, StartValues, Tracks
+from ..types import Body, Clip, StartValues, Tracks
 from .progress import Progress
 
 LEAST_FRAMES = 8  # fewer cannot show an oscillation
@@ -43,7 +44,7 @@ def check_clip(clip: Clip) -> None:
     if len(clip) < LEAST_FRAMES:
         raise InputError(f"{clip.source or 'clip'}: has {len(clip)} frame(s), needs at least {LEAST_FRAMES}; record a longer clip")
     if clip.labels is not None:
-        object_px = int(((clip.labels[0] > 0) & (clip.labels[0] != IGNORE)).sum())
+        object_px = int(foreground(clip.labels[0]).sum())
         if object_px < 50:
             raise InputError(
                 f"{clip.source or 'clip'}: the object mask of frame 0 holds {object_px} pixels, needs at least 50; "
