@@ -5,7 +5,8 @@ modes), observation (tracks in a few coordinates), support (forced frames), tail
 (apparent stiffness of the solver's grid). scikit-fem is needed by elements alone.
 """
 
+from .lattice import apparent_stiffness
 from .model import ModalModel
 from .start import start_values
 
-__all__ = ["ModalModel", "start_values"]
+__all__ = ["ModalModel", "apparent_stiffness", "start_values"]

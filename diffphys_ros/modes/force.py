@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 from .model import ModalModel
 from .observation import Projection
-from .tail import Physics
+from .response import Step
+from .tail import Physics, differences, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
 FORCE_STEP_SD = 0.7  # of the change from frame to frame, same unit
@@ -19,6 +20,7 @@ INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the
 GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
 EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak
 MOST_EDGE = 3  # frames that may join at an end
+REFINEMENTS = 8  # steps of the fit to all frames
 CENTRES = (6, 3)  # of the search over footprints, along and across the body
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
 
@@ -62,7 +64,9 @@ class ForceProblem:
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
         force_unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
-        step, shapes = self.modal.step(physics.young, physics.mass_damping, physics.stiffness_damping, self.period_s)
+        omega2, shapes = self.modal.eigen(physics.young)
+        omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
+        step = Step.of(omega2, 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2), self.period_s)
         seen, frames, count = self.seen.operator @ shapes, np.flatnonzero(self.allowed), len(self.known)
         echo = np.einsum("dk,tk,kc->tdc", seen, step.pulse(count), shapes.T @ footprint, optimize=True) * force_unit
         design = np.zeros((count, seen.shape[0], len(frames), 3))
@@ -72,7 +76,7 @@ class ForceProblem:
         if not self.at_rest:
             released = step.released(count)[:, :, :INITIAL_MODES]
             released[:, 0] -= 1.0  # displacements are measured from frame 0
-            speed = np.sqrt(np.maximum(self.modal.eigen(physics.young)[0][:INITIAL_MODES], 1.0))
+            speed = np.sqrt(np.maximum(omega2[:INITIAL_MODES], 1.0))
             unit = np.stack([np.full(len(speed), self.motion_unit), self.motion_unit * speed])
             blocks.append(np.einsum("dk,tjk,jk->tdjk", seen[:, :INITIAL_MODES], released, unit).reshape(count, seen.shape[0], -1))
         matrix = np.concatenate(blocks, 2)[self.known].reshape(-1, sum(b.shape[2] for b in blocks)) / self.sigma_m
@@ -87,6 +91,18 @@ class ForceProblem:
         if not self.at_rest:
             start = np.einsum("rk,jk->jr", shapes[:, :INITIAL_MODES], unknown[3 * len(frames) :].reshape(2, -1) * unit)
         return Solution(float(residual @ residual), force, start[0], start[1], residual)
+
+    def refine(self, physics: Physics, footprint: np.ndarray) -> Physics:
+        """Stiffness, damping and detuning on all frames, the force solved for inside (variable projection): under the force
+        the body also shows how it bends at rest."""
+        parts, (low, high) = len(physics.young), physics.bounds()
+
+        def residual(vector: np.ndarray) -> np.ndarray:
+            return np.r_[self.solve(Physics.of(vector, parts), footprint).residual, prior_residual(vector, parts)]
+
+        start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
+        found = least_squares(residual, start, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=REFINEMENTS, ftol=1e-4)
+        return Physics.of(found.x, parts)
 
     def edges(self, physics: Physics) -> tuple[int, int]:
         """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""
@@ -103,35 +119,31 @@ class ForceProblem:
             found.append(count)
         return found[0], found[1]
 
-    def best_footprint(self, physics: Physics) -> tuple[str, np.ndarray, Solution]:
-        """The uniform family, or a Gaussian footprint where that explains the motion clearly better."""
-        uniform = self.solve(physics, self.uniform_load)
+    def best_footprint(self, physics: Physics) -> tuple[str, np.ndarray]:
+        """Name and parameters of spatial family: uniform, or a Gaussian footprint where that explains the motion clearly better."""
+        uniform = self.solve(physics, self.uniform_load).cost
         low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
         length = (high - low).max()
 
         def cost(p: np.ndarray) -> float:
             inside = (p[:2] >= low).all() and (p[:2] <= high).all() and 0.04 < np.exp(p[2]) / length < 2.0
-            return self._gaussian(physics, np.r_[p[:2], np.exp(p[2])]).cost if inside else np.inf
+            return self.solve(physics, self.footprint_load("gaussian", np.r_[p[:2], np.exp(p[2])])).cost if inside else np.inf
 
         centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
         start = min((np.r_[c, np.log(w * length)] for c in centres for w in WIDTHS), key=cost)
-        if cost(start) > 0.5 * (1 + GAUSSIAN_GAIN) * uniform.cost:
-            return "uniform", np.zeros(0), uniform
+        if cost(start) > 0.5 * (1 + GAUSSIAN_GAIN) * uniform:
+            return "uniform", np.zeros(0)
         simplex = start + np.vstack([np.zeros(3), np.diag([0.06 * length, 0.06 * length, 0.25])])
         found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxiter": 80, "xatol": 1e-3 * length, "fatol": 1e-3}).x
-        if cost(found) > GAUSSIAN_GAIN * uniform.cost:
-            return "uniform", np.zeros(0), uniform
-        footprint = np.r_[found[:2], np.exp(found[2])]
-        return "gaussian", footprint, self._gaussian(physics, footprint)
+        if cost(found) > GAUSSIAN_GAIN * uniform:
+            return "uniform", np.zeros(0)
+        return "gaussian", np.r_[found[:2], np.exp(found[2])]
 
     def footprint_load(self, family: str, footprint: np.ndarray) -> np.ndarray:
         """Modal loads (r, 3) of unit amplitudes of a family."""
         if family == "uniform":
             return self.uniform_load
         return self.modal.footprint_load(lambda points: gaussian_weight(points, footprint))
-
-    def _gaussian(self, physics: Physics, footprint: np.ndarray) -> Solution:
-        return self.solve(physics, self.footprint_load("gaussian", footprint))
 
 
 def _shifted(flags: np.ndarray, by: int) -> np.ndarray:

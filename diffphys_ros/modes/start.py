@@ -67,7 +67,13 @@ def start_values(
     else:
         physics, modal = fit.guess()
     say("Young's modulus " + ", ".join(f"{e:.4g} Pa" for e in physics.young))
-    return fit.values(physics, modal), modal.retuned(physics.young, physics.detune)
+    problem = fit.force_problem(modal)
+    family, footprint = problem.best_footprint(physics)
+    say(f"force: {family}")
+    if support.has_free_tail:
+        physics = problem.refine(physics, problem.footprint_load(family, footprint))
+    modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
+    return fit.values(physics, modal, family, footprint), modal
 
 
 def _describe(support: Support) -> str:
@@ -89,7 +95,7 @@ class _Fit:
     def settled(self) -> tuple[_Fit, Physics, ModalModel]:
         """Tail fit, the support grown by what the fit shows, and the tail fitted again where it grew."""
         physics, modal = self.physics()
-        edges = self.force_problem(modal.retuned(physics.young, physics.detune)).edges(physics)
+        edges = self.force_problem(modal).edges(physics)
         if not any(edges):
             return self, physics, modal
         fit = replace(self, support=self.support.grown(*edges))
@@ -145,11 +151,12 @@ class _Fit:
         largest = self.motion.size_m / max(np.linalg.norm(seen.operator[:, 0]), 1e-12)
         return ForceProblem(modal, seen, self.period_s, known, allowed, self.settings.scene.at_rest, sigma, unit, float(largest))
 
-    def values(self, physics: Physics, modal: ModalModel) -> StartValues:
-        """Force, spread and words for given physics."""
-        tail, support = self.tail(modal), self.support
-        problem = self.force_problem(modal.retuned(physics.young, physics.detune))
-        family, footprint, solution = problem.best_footprint(physics)
+    def values(self, physics: Physics, modal: ModalModel, family: str, footprint: np.ndarray) -> StartValues:
+        """Force, spread and words for given physics; modal is tuned to them."""
+        physics = replace(physics, detune=np.zeros_like(physics.detune))
+        tail, support, problem = self.tail(modal), self.support, self.force_problem(modal)
+        load = problem.footprint_load(family, footprint)
+        solution = problem.solve(physics, load)
         residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3))
         free = support.has_free_tail
         sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else np.full(self.body.parts, GUESS_SD)
@@ -169,7 +176,7 @@ class _Fit:
             observed_hz=support.frequencies_hz,
             decay_per_s=support.decay_per_s,
             residual_m=residual,
-            track_cost=self._track_cost(problem, physics, solution, problem.footprint_load(family, footprint)),
+            track_cost=self._track_cost(problem, physics, solution, load),
             identified=np.array([not r[0] for r in reasons]),
             reasons=tuple(r[1] for r in reasons),
             has_free_tail=free,
