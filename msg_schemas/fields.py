@@ -18,7 +18,7 @@ from .topics import FIT_NODE
 CLAMP_PLANE_INSIDE_M = 0.005  # distance of the clamped plane from the box face through which the body leaves
 ARROW_LENGTH = 0.25  # of the longest arrow, in extents of the object
 DELETE_ALL, ADD, LINE_LIST = 3, 0, 5  # visualization_msgs/msg/Marker
-ARROW_COLOR = {"r": 1.0, "g": 0.35, "b": 0.1, "a": 1.0}
+ARROW_COLOR = {"r": 1.0, "g": 0.375, "b": 0.125, "a": 1.0}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ BAD_INPUT = 2
 SPIN_S = 0.1  # longest wait between two looks at the signal
 
 
-class _Stop:
+class Stop:
     """SIGINT and SIGTERM: the first one ends the process with status 0, later ones must not disturb the clean-up."""
 
     wanted = False
@@ -49,20 +49,19 @@ def run(module: str, name: str) -> NoReturn:
 
     Status 0 after a signal, 2 for bad input (one sentence on stderr), 1 for an error of the program.
     """
-    stop, status = _Stop(), 0
+    stop, status = Stop(), 0
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
     from diffphys_ros.errors import InputError
 
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = None
     try:
+        _init(rclpy)
         node = getattr(importlib.import_module(module), name)()
         _spin(node, stop)
     except InputError as error:
         status = BAD_INPUT
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{module.rsplit('.', 1)[-1]}: {error}", file=sys.stderr)
     except Exception:
         status = 1
         sys.excepthook(*sys.exc_info())
@@ -75,7 +74,19 @@ def run(module: str, name: str) -> NoReturn:
         leave(status)
 
 
-def _spin(node: Any, stop: _Stop) -> None:
+def _init(rclpy: Any) -> None:
+    """Without rclpy's own signal handlers. Raises InputError where the ROS arguments cannot be parsed."""
+    from rclpy.signals import SignalHandlerOptions
+
+    from diffphys_ros.errors import InputError
+
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InputError(f"ROS arguments: {error}; numbers of a list need one type, such as [0.0, 0.0, -9.81]") from error
+
+
+def _spin(node: Any, stop: Stop) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     executor = SingleThreadedExecutor()

@@ -17,7 +17,7 @@ from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 from .clip_stage import ClipStage
 from .clip_topics import ClipBuffer
 from .convert import message_class, to_ros
-from .parameters import Own
+from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
 from .splat_topic import splats_of
@@ -47,7 +47,7 @@ class FitNode(ClipStage):
         self.playback: Playback | None = None
         self.loss: float | None = None
         super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
-        self.bag = self.parameters["bag"]
+        self.bag = existing(self.parameters["bag"])
         for name, answer in (("fit", self._on_fit), ("cancel", self._on_cancel)):
             self.create_service(Trigger, f"~/{name}", answer)
         if self.parameters["out"]:

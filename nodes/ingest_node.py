@@ -21,7 +21,7 @@ from diffphys_ros.types import Clip
 from .clip_stage import CLIP
 from .clip_topics import clip_messages, slot_stamps
 from .convert import stamp_ns
-from .parameters import Own
+from .parameters import Own, existing
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
 from .worker import Job
@@ -45,7 +45,7 @@ class IngestNode(StageNode):
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        if self.parameters["bag"]:
+        if existing(self.parameters["bag"]):
             self.start(self._read_job())
         else:
             self._subscribe()

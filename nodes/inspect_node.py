@@ -20,14 +20,14 @@ from .splat_topic import splats_of
 from .stage import StageNode
 
 OWN = (
-    Own("file", "", "rerun recording (.rrd) to write; its folder must exist"),
-    Own("viewer", "", "rerun viewer to stream to: a grpc URL, or 'spawn' for a new one"),
+    Own("file", "diffphys.rrd", "rerun recording to write; its folder must exist"),
+    Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, or 'spawn' for a new one"),
     Own("fit_node", "fit_node", "name of the fit node to look at"),
 )
 
 
 class InspectNode(StageNode):
-    """Logs clip, masks, splats and the results of a fit node; needs `file` or `viewer`."""
+    """Logs clip, masks, splats and the results of a fit node."""
 
     def __init__(self) -> None:
         super().__init__("inspect_node", OWN)
@@ -50,11 +50,11 @@ class InspectNode(StageNode):
 
     def _sink(self) -> dict[str, str]:
         file, viewer = self.parameters["file"], self.parameters["viewer"]
-        if bool(file) == bool(viewer):
-            raise InputError("parameters of inspect_node: give either file (an .rrd to write) or viewer ('spawn' or a grpc URL)")
-        if file and not Path(file).resolve().parent.is_dir():
+        if viewer:
+            return {"viewer": viewer}
+        if not Path(file).resolve().parent.is_dir():
             raise InputError(f"parameters of inspect_node: file {file}: its folder does not exist; create it or choose another")
-        return {"file": file} if file else {"viewer": viewer}
+        return {"file": file}
 
     def _views(self) -> dict[str, Any]:
         return {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -43,9 +44,9 @@ class Parameters:
         defaults: dict[str, Any] = {}
         for path in self.paths(CONFIG.name):
             defaults |= config.read_yaml(path)
+        config.build(defaults | {n: v for n, v in given.items() if n not in self._own}, f"parameters of {node.get_name()}")
         for name, leaf in config.leaves().items():
             self._declare(name, defaults.get(name, leaf.default), _describe(leaf), given)
-        config.build(defaults | {n: v for n, v in given.items() if n not in self._own}, f"parameters of {node.get_name()}")
         node.add_on_set_parameters_callback(self._check)
 
     def __getitem__(self, name: str) -> Any:
@@ -100,3 +101,10 @@ def _describe_own(item: Own) -> ParameterDescriptor:
 
 def _plain(value: Any) -> Any:
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else value
+
+
+def existing(path: str) -> str:
+    """A path parameter as it is, empty or not; raises InputError where it names nothing."""
+    if path and not Path(path).exists():
+        raise InputError(f"parameter bag: {path}: there is no such file or folder; give the path of a bag, a video or a folder of images")
+    return path

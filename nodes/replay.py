@@ -16,9 +16,9 @@ from typing import Any
 from diffphys_ros.bags.storage import Bag, open_bag
 from diffphys_ros.bags.topics import COMPRESSED, choose_topics
 from diffphys_ros.config import Topics
+from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE, TRANSFORM
-
-COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop
 
 
 def raw_messages(bag: Bag, source: str) -> Iterator[tuple[str, str, int, Any]]:
@@ -28,7 +28,7 @@ def raw_messages(bag: Bag, source: str) -> Iterator[tuple[str, str, int, Any]]:
         for link in tree.transforms:
             yield "camera_pose", TRANSFORM, log_ns, plain(link)
     compressed = bag.types[image] == COMPRESSED
-    names = {image: ("image/compressed", COMPRESSED_TYPE) if compressed else ("image", IMAGE), depth: ("depth", IMAGE), info: ("camera_info", CAMERA_INFO)}
+    names = {image: ("image/compressed", COMPRESSED) if compressed else ("image", IMAGE), depth: ("depth", IMAGE), info: ("camera_info", CAMERA_INFO)}
     for topic, log_ns, message in bag.messages([t for t in names if t]):
         yield *names[topic], log_ns, plain(message)
 
@@ -48,25 +48,28 @@ def main() -> int:
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0, help="speed relative to the recording")
     options, _ = parser.parse_known_args()
+    stop = Stop()
     import rclpy
-    from rclpy.executors import ExternalShutdownException
+    from rclpy.signals import SignalHandlerOptions
 
-    with open_bag(options.bag) as bag:
-        messages = list(raw_messages(bag, str(options.bag)))
-    rclpy.init()
-    node = rclpy.create_node("camera")
     try:
-        _publish(node, messages, options.rate)
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+        with open_bag(options.bag) as bag:
+            messages = list(raw_messages(bag, str(options.bag)))
+    except InputError as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return BAD_INPUT
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("camera")
+    stop.spinning = True
+    _publish(node, messages, options.rate, stop)
+    while not stop.wanted:
+        rclpy.spin_once(node, timeout_sec=SPIN_S)
+    node.destroy_node()
+    rclpy.try_shutdown()
     return 0
 
 
-def _publish(node: Any, messages: list[tuple[str, str, int, Any]], rate: float) -> None:
+def _publish(node: Any, messages: list[tuple[str, str, int, Any]], rate: float, stop: Stop) -> None:
     from diffphys_ros.nodes.convert import message_class, to_ros
     from diffphys_ros.nodes.qos import latched, sensor
 
@@ -74,18 +77,16 @@ def _publish(node: Any, messages: list[tuple[str, str, int, Any]], rate: float) 
         topic: node.create_publisher(message_class(kind), topic, latched() if topic == "camera_pose" else sensor("reliable"))
         for topic, kind in {m[0]: m[1] for m in messages}.items()
     }
-    _await_subscriber(outputs)
     ready = [(topic, log_ns, to_ros(kind, fields)) for topic, kind, log_ns, fields in messages]
+    # a driver would not wait; a replay that nobody hears is of no use
+    while not stop.wanted and not all(publisher.get_subscription_count() for publisher in outputs.values()):
+        time.sleep(SPIN_S)
     began, first = time.monotonic(), min(log_ns for topic, log_ns, _ in ready if topic != "camera_pose")
     for topic, log_ns, message in ready:
         time.sleep(max(0.0, (log_ns - first) * 1e-9 / rate - (time.monotonic() - began)))
+        if stop.wanted:
+            return
         outputs[topic].publish(message)
-
-
-def _await_subscriber(outputs: dict[str, Any]) -> None:
-    """A driver would not wait; a replay that nobody hears is of no use."""
-    while not all(publisher.get_subscription_count() for publisher in outputs.values()):
-        time.sleep(0.05)
 
 
 if __name__ == "__main__":

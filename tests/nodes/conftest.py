@@ -1,0 +1,32 @@
+"""Tests of the nodes need rclpy; each run has a ROS domain of its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed; pip install '.[ros]' or source a ROS 2 Jazzy")
+
+
+@pytest.fixture
+def make_node() -> Iterator[Callable[..., Any]]:
+    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot)."""
+    made: list[Any] = []
+
+    def make(cls: Callable[[], Any], **parameters: object) -> Any:
+        words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
+        rclpy.init(args=["--ros-args", *words], domain_id=100 + os.getpid() % 100)
+        made.append(cls())
+        return made[-1]
+
+    yield make
+    for node in made:
+        node.close()
+        node.destroy_node()
+    rclpy.try_shutdown()

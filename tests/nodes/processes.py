@@ -1,0 +1,89 @@
+"""Real processes in a ROS domain of their own, for the tests of the nodes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import diffphys_ros
+
+ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
+_DOMAINS = itertools.count(1 + os.getpid() % 90)
+
+
+def environment(domain: int) -> dict[str, str]:
+    """The whole environment, with this checkout first and nothing heard from outside."""
+    own = {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_PYTHON_CHECK_FIELDS": "1",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "config" / "fastdds.xml"),
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
+        "PYTHONUNBUFFERED": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+    return os.environ | own
+
+
+class Domain:
+    """Processes that hear each other alone; each writes NAME.log into `folder`. Use it as a context."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.environment = environment(next(_DOMAINS) % 100 + 1)
+        self.running: dict[str, subprocess.Popen] = {}
+
+    def __enter__(self) -> Domain:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for process in self.running.values():
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+    def node(self, executable: str, *, name: str = "", **parameters: object) -> subprocess.Popen:
+        """Start a node's executable, its log called `name`; `__` in a parameter's name stands for a dot."""
+        words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
+        code = f"from diffphys_ros.nodes.executables import {executable}; {executable}()"
+        return self.start(name or executable, "-c", code, "--ros-args", *words)
+
+    def start(self, name: str, *arguments: str) -> subprocess.Popen:
+        """Start Python with these arguments."""
+        with self._log(name).open("w") as log:
+            self.running[name] = subprocess.Popen([sys.executable, *arguments], stdout=log, stderr=subprocess.STDOUT, env=self.environment)
+        return self.running[name]
+
+    def said(self, name: str) -> str:
+        """What a process has written."""
+        return self._log(name).read_text(errors="replace")
+
+    def await_words(self, name: str, words: str, timeout_s: float) -> None:
+        """Wait until a process has written these words; fails with its log where it ends before or takes longer."""
+        until = time.monotonic() + timeout_s
+        while words not in self.said(name):
+            assert self.running[name].poll() is None, f"{name} ended with status {self.running[name].returncode}:\n{self.said(name)}"
+            assert time.monotonic() < until, f"{name} has not said {words!r} in {timeout_s} s:\n{self.said(name)}"
+            time.sleep(0.05)
+
+    def end(self, name: str, *signals: signal.Signals, gap_s: float = 0.0, patience_s: float = 20.0) -> int:
+        """Send signals to a process; its exit status."""
+        process = self.running[name]
+        for number in signals:
+            process.send_signal(number)
+            time.sleep(gap_s)
+        return process.wait(patience_s)
+
+    def end_all(self) -> dict[str, int]:
+        """SIGINT to every process; the exit statuses."""
+        for process in self.running.values():
+            process.send_signal(signal.SIGINT)
+        return {name: process.wait(20) for name, process in self.running.items()}
+
+    def _log(self, name: str) -> Path:
+        return self.folder / f"{name}.log"
