@@ -42,8 +42,15 @@ def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool) -> Raste
 
 def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Bilinear values of an image (H, W) at pixel positions (..., 2); 0 outside."""
-    flat = pixels.astype(np.float32)
-    return cv2.remap(image.astype(np.float32), flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    last = np.array(image.shape[::-1]) - 2
+    corner = np.clip(np.floor(pixels), 0, last).astype(int)
+    inside = ((pixels >= 0) & (pixels <= last + 1)).all(-1)
+    a, b = np.moveaxis(pixels - corner, -1, 0)
+    at = corner[..., 1] * image.shape[1] + corner[..., 0]
+    flat, below = image.ravel(), image.shape[1]
+    upper = flat[at] * (1 - a) + flat[at + 1] * a
+    lower = flat[at + below] * (1 - a) + flat[at + below + 1] * a
+    return np.where(inside, upper * (1 - b) + lower * b, 0.0)
 
 
 def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -66,18 +73,20 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.nd
         height [m] (nx, ny), inside bool (nx, ny).
     """
     inverse = _extended_inverse(depth)
-    cells = raster.centres
-    height = np.full(raster.shape, start)
-    alive = np.ones(raster.shape, bool)
-    miss = np.zeros(raster.shape)
+    cells = raster.centres.reshape(-1, 2)
+    height, inside = np.full(len(cells), start), np.zeros(len(cells), bool)
+    alive = np.arange(len(cells))
+    miss = np.full(len(cells), np.inf)
     for _ in range(FIXED_POINT_STEPS):
-        points = np.concatenate([cells, height[..., None]], -1) @ pose[:3, :3].T + pose[:3, 3]
+        points = np.concatenate([cells[alive], height[alive, None]], -1) @ pose[:3, :3].T + pose[:3, 3]
         pixels, _ = camera.project(points)
-        alive &= sample(soft, pixels) >= 0.5
+        seen = sample(soft, pixels) >= 0.5
+        alive, pixels = alive[seen], pixels[seen]
         hits = (camera.backproject(pixels, 1 / np.maximum(sample(inverse, pixels), 1e-6)) - pose[:3, 3]) @ pose[:3, :3]
-        miss = np.linalg.norm(hits[..., :2] - cells, axis=-1)
-        height = np.where(alive, hits[..., 2], height)
-    return height, alive & (miss < OFF_SURFACE * footprint_m)
+        miss[alive] = np.linalg.norm(hits[:, :2] - cells[alive], axis=-1)
+        height[alive] = hits[:, 2]
+    inside[alive] = miss[alive] < OFF_SURFACE * footprint_m
+    return height.reshape(raster.shape), inside.reshape(raster.shape)
 
 
 def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
