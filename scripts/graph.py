@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The sample through the five nodes as five processes, fed by a sixth that publishes its raw topics at the recorded rate,
-against fit_node with `bag:=` alone. Exit status 0 only if both give the same fields, bit for bit."""
+against fit_node with `bag:=` alone. Exit status 0 only if both give the same fields, bit for bit. Arguments are settings for
+fit_node on both sides: `scripts/graph.py fit.iterations:=1`."""
 
 from __future__ import annotations
 
@@ -24,12 +25,12 @@ LIMIT_S = 600.0  # of either side
 LISTEN = module("diffphys_ros.nodes.listen", "--node", "fit_node", "--timeout", str(LIMIT_S))
 
 
-def main() -> int:
+def main(arguments: list[str]) -> int:
     """Both sides and their comparison; returns the exit status."""
     shutil.rmtree(OUT, ignore_errors=True)
     sample = sample_folder()
     given = {"config": sample / "given.yaml"}
-    solver = given | {"fit.time_budget_s": BUDGET_S}
+    solver = given | {"fit.time_budget_s": BUDGET_S} | dict(word.split(":=", 1) for word in arguments)
     one = {"fit_node": node("fit_node", solver | {"bag": sample / "clip.mcap", "out": OUT / "one"})}
     five = {
         "fit_node": node("fit_node", solver | {"out": OUT / "five"}),
@@ -85,6 +86,6 @@ def _difference(a: np.ndarray, b: np.ndarray | None) -> str:
 if __name__ == "__main__":
     os.chdir(Path(__file__).resolve().parent.parent)
     try:
-        sys.exit(main())
+        sys.exit(main(sys.argv[1:]))
     except KeyboardInterrupt:
         sys.exit(130)
