@@ -94,7 +94,7 @@ def assemble(
         initial_velocity=body.rotate_to_world(core.velocity0[own]),
         identified=start.identified,
         reasons=start.reasons,
-        metrics=metrics | image_metrics(prepared, frames),
+        metrics=metrics | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
         notes=notes(prepared),
     )
 
