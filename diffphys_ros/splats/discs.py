@@ -64,9 +64,7 @@ def discs_of(blocks: Blocks, surface: Surface, device: str) -> Discs:
 
 def gaussians(discs: Discs, camera: Camera) -> Gaussians:
     """Mean, rotation, scale, opacity and colour as the renderer takes them; differentiable."""
-    like = {"dtype": torch.float32, "device": discs.pixel.device}
-    pose = torch.as_tensor(camera.world_from_camera, **like)
-    inverse = torch.as_tensor(np.linalg.inv(camera.pixel_from_camera), **like)
+    pose, inverse = (discs.pixel.new_tensor(a) for a in (camera.world_from_camera, np.linalg.inv(camera.pixel_from_camera)))
     rays = torch.cat([discs.pixel, torch.ones_like(discs.pixel[:, :1])], 1) @ inverse.T @ pose[:3, :3].T
     half = discs.angle / 2
     rotation = _turned(discs.frame, torch.cos(half), torch.sin(half))
@@ -79,7 +77,7 @@ def to_splats(discs: Discs, camera: Camera) -> Splats:
     """The discs as data."""
     with torch.no_grad():
         mean, rotation, scale, opacity, color = gaussians(discs, camera)
-    return Splats(*(t.detach().cpu().numpy() for t in (mean, rotation, scale, opacity, color.clamp(0, 1))))
+    return Splats(*(t.detach().cpu().numpy() for t in (mean, rotation, scale, opacity, color)))
 
 
 def _turned(q: torch.Tensor, cosine: torch.Tensor, sine: torch.Tensor) -> torch.Tensor:

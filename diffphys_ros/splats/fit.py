@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ MARGIN_PX = 8  # of the rendered window around the object
 FIRST_SHARE = 0.75  # of max_count that the fit starts with; splitting adds the rest
 SPLIT_AT = (0.25, 0.5)  # shares of the iterations after which discs are pruned and split
 ALPHA_WEIGHT = 1.0  # of the squared difference between alpha and mask
-RATES = {"pixel": 0.1, "log_scale": 0.03, "angle": 0.05, "logit": 0.1, "color": 0.02}  # Adam steps [px, -, rad, -, -]
+RATES = {"pixel": 0.2, "log_scale": 0.06, "angle": 0.05, "logit": 0.1, "color": 0.005}  # Adam steps [px, -, rad, -, -]
 LAST_RATE = 0.1  # of the steps at the end over those at the start
 
 
@@ -36,6 +36,8 @@ class _Target:
     image: torch.Tensor  # 0..1, (h, w, 3)
     mask: torch.Tensor  # the object, bool, (h, w)
     counted: torch.Tensor  # not ignored, bool, (h, w)
+    depth: torch.Tensor  # [m], (h, w)
+    depth_known: torch.Tensor  # on the object, bool, (h, w)
     around: torch.Tensor  # the picture without the object: every pixel of it takes the nearest other, full image, (H, W, 3)
     ssim_weight: float
 
@@ -43,6 +45,14 @@ class _Target:
         """Image loss (paper A.13) + squared difference of alpha and mask."""
         bleed = torch.where(self.counted, alpha - self.mask.float(), 0.0).square().sum() / self.mask.sum()
         return image_loss(image, self.image, self.mask, ssim_weight=self.ssim_weight) + ALPHA_WEIGHT * bleed
+
+    def under(self, discs: Discs, values: torch.Tensor) -> torch.Tensor:
+        """Sum of values (h, w) over the pixels that each disc fills (G,): the gradient of the image with respect to a
+        colour is how much of each pixel the disc fills."""
+        mean, rotation, scale, opacity, color = (t.detach() for t in gaussians(discs, self.rasterizer.camera))
+        color.requires_grad_()
+        image = self.rasterizer.render(mean, rotation, scale, opacity, color, window=self.window)[0]
+        return torch.autograd.grad((image[..., 0] * values).sum(), color)[0][:, 0]
 
     def render(self, discs: Discs) -> tuple[torch.Tensor, ...]:
         return self.rasterizer.render(*gaussians(discs, self.rasterizer.camera), self.around, window=self.window)
@@ -60,19 +70,32 @@ def fit_splats(
     if not mask.any():
         raise InputError("mask: frame 0 shows no object; give scene.first_mask")
     image, count = image0.astype(np.float32) / 255, settings.splats.max_count
-    target = _target(image, labels0, mask, camera, settings, device)
+    target = _target(image, labels0, depth0, camera, settings, device)
     blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))
     discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device)
     discs = yield from _optimise(discs, target, settings.splats.iterations, count)
     return canonical(to_splats(discs, camera))
 
 
-def _target(image: np.ndarray, labels0: np.ndarray, mask: np.ndarray, camera: Camera, settings: Settings, device: str) -> _Target:
+def _target(image: np.ndarray, labels0: np.ndarray, depth0: np.ndarray, camera: Camera, settings: Settings, device: str) -> _Target:
+    mask = foreground(labels0)
     window = left, top, right, bottom = window_around(mask, MARGIN_PX)
-    crop = (slice(top, bottom), slice(left, right))
-    tensors = (torch.as_tensor(np.ascontiguousarray(a[crop]), device=device) for a in (image, mask, labels0 != IGNORE))
-    around = torch.as_tensor(_without(image, labels0 > 0), device=device)
-    return _Target(Rasterizer(camera, device), window, *tensors, around, settings.fit.ssim_weight)
+
+    def crop(array: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(np.ascontiguousarray(array[top:bottom, left:right]), device=device)
+
+    known = mask & np.isfinite(depth0) & (depth0 > 0)
+    return _Target(
+        rasterizer=Rasterizer(camera, device),
+        window=window,
+        image=crop(image),
+        mask=crop(mask),
+        counted=crop(labels0 != IGNORE),
+        depth=crop(np.where(known, depth0, 0).astype(np.float32)),
+        depth_known=crop(known),
+        around=torch.as_tensor(_without(image, labels0 > 0), device=device),
+        ssim_weight=settings.fit.ssim_weight,
+    )
 
 
 def _without(image: np.ndarray, hidden: np.ndarray) -> np.ndarray:
@@ -88,13 +111,16 @@ def _optimise(discs: Discs, target: _Target, iterations: int, count: int) -> Gen
     optimizer = _adam(discs, 1.0)
     for iteration in range(iterations):
         if iteration in rounds:
-            discs = prune_and_split(discs, *_contributions(discs, target), count).leaves()
+            discs = prune_and_split(discs, *_contributions(discs, target), count)
+            discs = _onto_depth(discs, target).leaves()
             optimizer = _adam(discs, LAST_RATE ** (iteration / iterations))
         image, alpha, _ = target.render(discs)
         loss = target.loss(image, alpha)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
+        with torch.no_grad():
+            discs.color.clamp_(0, 1)
         for group in optimizer.param_groups:
             group["lr"] *= LAST_RATE ** (1 / iterations)
         yield iteration + 1, iterations, float(loss.detach())
@@ -106,13 +132,16 @@ def _adam(discs: Discs, share: float) -> torch.optim.Adam:
 
 
 def _contributions(discs: Discs, target: _Target) -> tuple[torch.Tensor, torch.Tensor]:
-    """Squared residual under each disc and pixels that it fills (G,): the gradient of the image with respect to a colour
-    is how much of each pixel the disc fills."""
+    """Squared residual under each disc and pixels that it fills (G,)."""
     with torch.no_grad():
-        mean, rotation, scale, opacity, color = gaussians(discs, target.rasterizer.camera)
-        residual = (target.image - target.render(discs)[0]).square().sum(-1) * target.mask
-    color = color.detach().requires_grad_()
-    image = target.rasterizer.render(mean, rotation, scale, opacity, color, window=target.window)[0]
-    weights = torch.stack([residual, target.mask.float(), torch.zeros_like(residual)], -1)
-    (filled,) = torch.autograd.grad((image * weights).sum(), color)
-    return filled[:, 0], filled[:, 1]
+        residual = (target.image - target.render(discs)[0]).square().sum(-1)
+    return target.under(discs, residual * target.mask), target.under(discs, target.mask.float())
+
+
+def _onto_depth(discs: Discs, target: _Target) -> Discs:
+    """Move each disc along its line of sight by what the picture's depth lacks there: where discs overlap, the nearer one
+    shows, so that discs on the surface would look nearer than the surface."""
+    with torch.no_grad():
+        lacking = torch.where(target.depth_known, target.depth - target.render(discs)[2], 0.0)
+    share = target.under(discs, target.depth_known.float())
+    return replace(discs, depth=discs.depth + target.under(discs, lacking) / share.clamp_min(1e-3))

@@ -14,7 +14,11 @@ import numpy as np
 from ..errors import InputError
 from ..types import Splats
 
-FIELDS = tuple("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split())
+FIELDS = (
+    *("x", "y", "z", "nx", "ny", "nz"),
+    *("f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
 SH_C0 = 0.28209479177387814  # spherical harmonic of degree 0: 1 / (2 sqrt(pi))
 MAX_LOGIT = 15.0  # keeps an opacity of 0 or 1 finite
 MIN_SCALE_M = 1e-9  # keeps a scale of 0 finite
@@ -75,7 +79,8 @@ def canonical(splats: Splats) -> Splats:
 def write(path: str | Path, splats: Splats) -> None:
     """Write a binary little-endian .ply; the file appears whole or not at all. Raises InputError where it cannot be written."""
     path, raw = Path(path), to_raw(splats)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(raw)}", *(f"property float {name}" for name in FIELDS), "end_header"]
+    properties = [f"property float {name}" for name in FIELDS]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(raw)}", *properties, "end_header"]
     part = path.with_name(path.name + ".part")
     try:
         part.write_bytes("\n".join([*header, ""]).encode() + raw.astype("<f4").tobytes())
@@ -99,7 +104,7 @@ def read(path: str | Path) -> Splats:
         raise InputError(f"splats {path}: ends after {len(rows)} of {count} Gaussians; copy the file again")
     raw = np.zeros((count, len(FIELDS)), np.float32)
     for i, name in enumerate(FIELDS):
-        if name in layout.names:
+        if name in (layout.names or ()):
             raw[:, i] = rows[name]
     return from_raw(raw)
 
