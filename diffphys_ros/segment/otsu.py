@@ -19,7 +19,7 @@ def otsu_mask(clip: Clip, settings: Settings) -> np.ndarray:
 
     Raises InputError where nothing stands out.
     """
-    lab = cv2.cvtColor(cv2.GaussianBlur(clip.frames[0], (0, 0), 2), cv2.COLOR_RGB2LAB).astype(np.float32)
+    lab = cv2.cvtColor(cv2.GaussianBlur(clip.frames[0], (0, 0), 1), cv2.COLOR_RGB2LAB).astype(np.float32)
     distance = np.log1p(_distance_from_border(lab) / NOISE_DISTANCE)
     level = np.clip(distance * (255 / max(float(distance.max()), 1e-6)), 0, 255).astype(np.uint8)
     _, above = cv2.threshold(level, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)

@@ -10,6 +10,7 @@ from .neighbours import neighbour_median
 
 LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane
 LARGEST_ODDITY = 6.0  # of a displacement from its neighbours' median, in robust standard deviations over all points
+LARGEST_MOTION = 6.0  # of a displacement, in 0.9-quantiles of all displacements of the clip
 LARGEST_OFFSET = 0.01  # of a frame-0 depth from the object's surface, as a share of the depth
 
 
@@ -45,14 +46,18 @@ def points_on_planes(camera: Camera, pixels: np.ndarray, valid: np.ndarray, dept
 def without_oddities(points: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """What of `valid` (T, M) remains when displacements (T, M, 3) far from their neighbours' are dropped.
 
-    Catches wrong depths (an edge, the background behind it) that look right in the image.
+    Catches wrong depths (an edge, the background behind it) that look right in the image, and those of whole patches by the size of
+    their motion.
     """
-    kept = valid.copy()
+    if not valid.any():
+        return valid
+    distance = np.linalg.norm(points - points[0], axis=-1)
+    kept = valid & (distance <= max(LARGEST_MOTION * float(np.quantile(distance[valid], 0.9)), 1e-9))
     for k in range(1, len(points)):
         displacement = points[k] - points[0]
-        off = np.linalg.norm(displacement - neighbour_median(points[0], displacement, valid[k]), axis=1)
-        if valid[k].any():
-            kept[k] &= off <= LARGEST_ODDITY * max(float(np.median(off[valid[k]])), 1e-9) / 0.6745
+        off = np.linalg.norm(displacement - neighbour_median(points[0], displacement, kept[k]), axis=1)
+        if kept[k].any():
+            kept[k] &= off <= LARGEST_ODDITY * max(float(np.median(off[kept[k]])), 1e-9) / 0.6745
     return kept
 
 

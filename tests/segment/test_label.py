@@ -1,0 +1,172 @@
+"""Label images: object, parts, and both through the clip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.segment import label_clip
+from diffphys_ros.segment.given import given_mask
+from diffphys_ros.segment.label import METHODS, first_labels
+from diffphys_ros.segment.motion import motion_mask
+from diffphys_ros.segment.parts import numbered, one_piece_each, split_parts
+from diffphys_ros.types import Clip
+from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
+
+MOUNT = Box(np.array([-0.04, -0.05, -0.05]), np.array([0.0, 0.05, 0.05]))
+FRAMES = 9
+
+
+def swinging() -> list[np.ndarray]:
+    return [turned(0.1 * np.sin(0.9 * k)) for k in range(FRAMES)]
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    return box_clip(bar(cuts=(0.08,)), swinging(), oblique_camera(), mount=MOUNT)
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def save(path: Path, image: np.ndarray) -> str:
+    cv2.imwrite(str(path), image)
+    return str(path)
+
+
+def test_a_given_object_mask_is_split_and_carried_through_the_clip(clip: Clip, tmp_path: Path) -> None:
+    mask = save(tmp_path / "mask.png", np.where(clip.labels[0] > 0, 255, 0).astype(np.uint8))
+    labels = label_clip(replace(clip, labels=None), bar_settings(scene__first_mask=mask))
+    assert labels.shape == clip.labels.shape
+    assert labels.dtype == np.uint8
+    for found, true in zip(labels, clip.labels, strict=True):
+        assert overlap(found > 0, true > 0) > 0.95
+        assert (found == true)[true > 0].mean() > 0.95
+    assert (labels[0] == clip.labels[0])[clip.labels[0] > 0].mean() > 0.985
+
+
+def test_a_frame_that_was_lost_repeats_the_labels_before_it(clip: Clip, tmp_path: Path) -> None:
+    mask = save(tmp_path / "mask.png", np.where(clip.labels[0] > 0, 255, 0).astype(np.uint8))
+    seen = np.arange(len(clip)) != 4
+    labels = label_clip(replace(clip, labels=None, observed=seen), bar_settings(scene__first_mask=mask))
+    assert np.array_equal(labels[4], labels[3])
+
+
+def test_labelling_twice_gives_the_same_bytes(clip: Clip) -> None:
+    bare = replace(clip, labels=None)
+    assert np.array_equal(label_clip(bare, bar_settings()), label_clip(bare, bar_settings()))
+
+
+def test_motion_finds_the_object_without_its_still_mount(clip: Clip) -> None:
+    mask = motion_mask(clip, bar_settings())
+    assert overlap(mask > 0, clip.labels[0] > 0) > 0.93
+
+
+def test_otsu_finds_an_object_of_several_colours(clip: Clip) -> None:
+    mask = METHODS["otsu"](box_clip(bar(cuts=(0.08, 0.16)), [np.eye(4)], oblique_camera()), bar_settings())
+    assert overlap(mask > 0, clip.labels[0] > 0) > 0.93
+
+
+def test_a_clip_in_which_nothing_moves_is_refused(clip: Clip) -> None:
+    still = replace(clip, frames=np.repeat(clip.frames[:1], 5, 0))
+    with pytest.raises(InputError, match=r"% of frame 0 is seen to move.*give scene\.first_mask"):
+        motion_mask(still, bar_settings())
+
+
+def test_a_plain_image_holds_no_object_for_otsu(clip: Clip) -> None:
+    plain = replace(clip, frames=np.full_like(clip.frames, 120))
+    with pytest.raises(InputError, match="Otsu"):
+        METHODS["otsu"](plain, bar_settings())
+
+
+def test_part_labels_of_a_given_mask_are_kept_with_its_ignored_pixels(clip: Clip, tmp_path: Path) -> None:
+    image = clip.labels[0].copy()
+    image[:5] = 255
+    settings = bar_settings(scene__first_mask=save(tmp_path / "mask.png", image))
+    assert np.array_equal(first_labels(given_mask(clip, settings), clip, settings), image)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda m: m * 0, "empty, needs at least one pixel that is not 0"),
+        (lambda m: m[:-1], r"240 x 159 pixels, must be 240 x 160"),
+        (lambda m: m * 3, r"part numbers \[3, 6\] must be 1\.\.n without gaps"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(clip: Clip, tmp_path: Path, change, sentence: str) -> None:
+    settings = bar_settings(scene__first_mask=save(tmp_path / "mask.png", change(clip.labels[0])))
+    with pytest.raises(InputError, match=sentence):
+        given_mask(clip, settings)
+
+
+def test_a_mask_that_is_no_image_is_refused(clip: Clip, tmp_path: Path) -> None:
+    (tmp_path / "mask.png").write_text("no image")
+    for name in ("mask.png", "missing.png"):
+        with pytest.raises(InputError, match="not a readable image"):
+            given_mask(clip, bar_settings(scene__first_mask=str(tmp_path / name)))
+
+
+@pytest.mark.parametrize("cuts", [(), (0.08,), (0.08, 0.16), (0.2,), (0.03,)])
+def test_the_number_of_parts_comes_from_the_colours(cuts: tuple[float, ...]) -> None:
+    clip = box_clip(bar(cuts=cuts), [np.eye(4)], oblique_camera())
+    settings = bar_settings()
+    labels = first_labels((clip.labels[0] > 0).astype(np.uint8), clip, settings)
+    assert labels.max() == len(cuts) + 1
+    assert (labels == clip.labels[0])[clip.labels[0] > 0].mean() > 0.985
+
+
+def test_no_more_parts_than_allowed_are_made() -> None:
+    clip = box_clip(bar(cuts=(0.08, 0.16)), [np.eye(4)], oblique_camera())
+    assert split_parts(clip.frames[0], clip.labels[0] > 0, max_parts=1).max() == 1
+
+
+def test_every_part_is_one_piece_although_spots_have_the_other_parts_colour() -> None:
+    clip = box_clip(bar(cuts=(0.12,)), [np.eye(4)], oblique_camera())
+    frame = clip.frames[0].copy()
+    left, right = frame[clip.labels[0] == 1].mean(0), frame[clip.labels[0] == 2].mean(0)
+    for k in range(8):
+        u, v = np.argwhere(clip.labels[0] == 1 + k % 2)[137 * (k + 3)][::-1]
+        cv2.circle(frame, (int(u), int(v)), 4, (right if k % 2 == 0 else left).tolist(), -1)
+    parts = numbered(split_parts(frame, clip.labels[0] > 0, max_parts=3), np.array([0.0, 80.0]))
+    assert parts.max() == 2
+    for part in (1, 2):
+        assert cv2.connectedComponents((parts == part).astype(np.uint8))[0] == 2
+    assert (parts == clip.labels[0])[clip.labels[0] > 0].mean() > 0.98
+
+
+def test_islands_join_what_surrounds_them() -> None:
+    parts = np.ones((40, 60), np.uint8)
+    parts[:, 30:] = 2
+    expected = parts.copy()
+    parts[10:13, 10:13], parts[20:22, 50:52] = 2, 1
+    assert np.array_equal(one_piece_each(parts), expected)
+
+
+def test_parts_are_numbered_from_the_clamp_or_by_size() -> None:
+    parts = np.zeros((20, 60), np.uint8)
+    parts[:, :10], parts[:, 10:25], parts[:, 25:60] = 3, 1, 2
+    assert np.array_equal(numbered(parts, np.array([59.0, 10.0]))[0, [0, 15, 40]], [3, 2, 1])
+    assert np.array_equal(numbered(parts, None)[0, [0, 15, 40]], [3, 2, 1])
+    assert np.array_equal(numbered(parts, np.array([0.0, 10.0]))[0, [0, 15, 40]], [1, 2, 3])
+
+
+@pytest.mark.parametrize(("name", "parts"), [("beam_gust", 1), ("beam_two_part", 2), ("plant_poke", 2)])
+def test_the_parts_of_a_truth_scene_are_found(name: str, parts: int, scenes: Path) -> None:
+    from diffphys_ros.bags.read import read_clip
+    from diffphys_ros.config import layered
+
+    settings = layered([scenes / name / "given.yaml"])
+    clip = read_clip(scenes / name / "clip.mcap", settings)
+    labels = label_clip(clip, settings)
+    assert labels[0].max() == parts
+    with np.load(scenes / name / "truth.npz") as truth:
+        shape = truth["mask_shape"]
+        mask = np.unpackbits(truth["mask"])[: int(np.prod(shape))].reshape(shape).astype(bool)
+    assert min(overlap(labels[k] > 0, mask[k]) for k in range(0, len(mask), 6)) > 0.97
