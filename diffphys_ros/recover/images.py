@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from ..losses import depth_loss, foreground, image_loss
 from ..particles import Binding, bind, deform_splats
@@ -17,6 +17,9 @@ from .prepare import Prepared
 
 MARGIN_PX = 8  # of the rendered window around the object
 CHUNK = 8  # frames rendered at a time when no gradient is wanted
+EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
+GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
+_ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
 def static_background(clip: Clip) -> np.ndarray:
@@ -90,6 +93,7 @@ class ImageTerm:
         device = renderer.mean.device
         self.observed = torch.as_tensor(clip.frames[self.frames][:, *crop], device=device).float() / 255
         self.mask = torch.as_tensor(foreground(clip.labels[self.frames])[:, *crop], device=device)
+        self.interior = torch.as_tensor(binary_erosion(foreground(clip.labels[self.frames]), _ACROSS, EDGE_PX)[:, *crop], device=device)
         self.depth = None
         if with_depth and clip.depth is not None:
             self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
@@ -100,16 +104,22 @@ class ImageTerm:
         still = x0.detach()[None].expand(len(self.frames), *x0.shape)
         unit = torch.eye(3, dtype=x0.dtype, device=x0.device).expand(*still.shape[:2], 3, 3)
         with torch.no_grad():
-            self.frozen = max(float(self._misfit(still, x0, unit)[0]), 1e-12)
+            self.frozen = max(float(self._image(*self._rendered(still, x0, unit)[:1])), 1e-12)
 
     def __call__(self, motion: Motion, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
         """Image and depth term; `mean_square` of the observed motion [m^2]. The latter is 0 where the clip has no depth."""
-        image, depth = self._misfit(motion.x[self.frames], motion.x[0], motion.F[self.frames])
-        return image / self.frozen, 0.5 * depth / mean_square
+        image, _, depth = self._rendered(motion.x[self.frames], motion.x[0], motion.F[self.frames])
+        return self._image(image) / self.frozen, self._depth(depth, mean_square)
 
-    def _misfit(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        image, alpha, depth = self.renderer.render(x, x0, F, self.window)
-        misfit = image_loss(image, self.observed, self.mask, ssim_weight=self.ssim_weight)
+    def _rendered(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        return self.renderer.render(x, x0, F, self.window)
+
+    def _image(self, image: torch.Tensor) -> torch.Tensor:
+        return image_loss(image, self.observed, self.mask, ssim_weight=self.ssim_weight)
+
+    def _depth(self, depth: torch.Tensor, mean_square: float) -> torch.Tensor:
+        """Gross errors are left out: there the pixel shows something else than the mask says."""
         if self.depth is None:
-            return misfit, torch.zeros((), device=image.device)
-        return misfit, depth_loss(depth, self.depth, self.mask & (alpha > 0.5))
+            return torch.zeros((), device=depth.device)
+        near = (depth.detach() - self.depth).abs() < GROSS * mean_square**0.5
+        return 0.5 * depth_loss(depth, self.depth, self.interior & near) / mean_square

@@ -12,6 +12,7 @@ from ..errors import SimulationError
 from ..fields import Layout
 from ..modes.force import AXIAL_SHARE
 from ..particles import Binding, bind
+from ..types import StartValues
 from .forward import ForwardModel, Motion
 from .images import ImageTerm
 from .observations import TrackTarget
@@ -28,14 +29,18 @@ class Prior:
     hessian: np.ndarray  # (size, size)
     centre: np.ndarray  # (size,)
 
-    LOG_YOUNG, DAMPING, FORCE, SMOOTH, MOTION = 2e-3, 1e-5, 1e-4, 1e-3, 1e-6
+    LOG_YOUNG = 2e-3  # log E one standard deviation of the start values away costs half of this: what the grid's own error
+    # leaves as misfit, so that the fit does not pay with E for what the grid cannot follow
+    DAMPING, FORCE, SMOOTH, MOTION = 1e-5, 1e-4, 1e-3, 1e-6
 
     @classmethod
-    def of(cls, layout: Layout) -> Prior:
-        """Priors about the start values (log E, damping) and about zero (force, initial motion)."""
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float) -> Prior:
+        """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
+        `start_scale` times off the start values; the prior stays where they are."""
         n, count = layout.parts, len(layout.forced)
-        hessian = np.zeros((layout.size, layout.size))
-        hessian[range(n), range(n)] = cls.LOG_YOUNG
+        hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+        hessian[range(n), range(n)] = cls.LOG_YOUNG / (np.log(10) * start.log10_young_sd) ** 2
+        centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         adjacent = np.diff(layout.forced) == 1
         difference = np.diff(np.eye(count), axis=0)[adjacent]
@@ -44,7 +49,7 @@ class Prior:
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]
         hessian[motion, motion] = cls.MOTION
-        return cls(hessian, np.zeros(layout.size))
+        return cls(hessian, centre)
 
     def value(self, z: torch.Tensor) -> torch.Tensor:
         """The prior's share of the loss."""

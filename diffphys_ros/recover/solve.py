@@ -26,6 +26,8 @@ from .progress import Progress
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
+IMAGE_CURVATURE = 7.0  # of the image term over the track term's, along the same motion: images are lost after a few pixels, tracks are
+# not. Only the first guess of the Hessian rests on it
 LONGEST_STEP = 0.4  # of log E in one iteration
 
 
@@ -70,9 +72,10 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings) 
         with_depth = weights.depth_weight > 0 and prepared.tracks.has_depth
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
-    prior = Prior.of(layout)
-    curvature = weights.track_weight * track_hessian(prepared, layout, target, initial_modes=initial_modes)
-    objective = Objective(forward, target, images, replace(prior, centre=_prior_centre(layout)), weights)
+    prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale)
+    per_motion = weights.track_weight + (IMAGE_CURVATURE * weights.image_weight if images else 0.0)
+    curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
+    objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
 
 
@@ -84,11 +87,6 @@ def _motion_unit(prepared: Prepared) -> np.ndarray:
     size = np.sqrt((shape**2).sum(1).mean(0))
     omega = 2 * np.pi * np.maximum(modal.frequencies(prepared.start.young), 0.1)
     return np.stack([moved / size, moved * omega / size])
-
-
-def _prior_centre(layout: Layout) -> np.ndarray:
-    """log E and damping are drawn to their start, force and initial motion to zero."""
-    return np.zeros(layout.size)
 
 
 def solve(
