@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..types import Camera
 
 COARSEST_PX = 4  # side of the largest block where the count allows it; a power of two
+FLAT = 1e-9  # blocks that deviate less are never split: the rest is rounding
 FILTER_PX = 5  # median of the depths, against their noise
 SLOPE_SIGMA_PX = 2.0  # smoothing of the slope, against quantised depths
 MAX_STRETCH = 2.5  # largest length of a disc over its width as seen (a tilt of 66 degrees)
@@ -76,7 +77,7 @@ def _deviation(owner: np.ndarray, values: np.ndarray, side: int) -> np.ndarray:
 
 def _levels(errors: list[np.ndarray], sizes: list[np.ndarray], count: int) -> np.ndarray:
     """Per pixel the level of its block; level k has side 2^k."""
-    bounds = np.sort(np.concatenate([*errors[1:], [np.inf]]))
+    bounds = np.unique(np.concatenate([*(np.maximum(e, FLAT) for e in errors[1:]), [FLAT, np.inf]]))
     low, high = 0, len(bounds) - 1  # the highest bound splits nothing: its count is allowed
     while low < high:
         middle = (low + high) // 2

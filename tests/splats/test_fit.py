@@ -1,0 +1,122 @@
+"""Gaussians fitted to a made-up frame, and to the truth scenes where they are at hand."""
+
+import numpy as np
+import pytest
+import torch
+
+from diffphys_ros import config, losses
+from diffphys_ros.errors import InputError
+from diffphys_ros.render import Rasterizer
+from diffphys_ros.splats import fit_splats, ply
+
+from . import made
+
+SETTINGS = config.build({"splats.max_count": 700, "splats.iterations": 60})
+
+
+def finish(steps):
+    """Progress and result of a generator."""
+    seen = []
+    while True:
+        try:
+            seen.append(next(steps))
+        except StopIteration as stop:
+            return seen, stop.value
+
+
+def render(splats, camera, background=None):
+    tensors = [torch.from_numpy(a) for a in vars(splats).values()]
+    return [t.numpy() for t in Rasterizer(camera).render(*tensors, background)]
+
+
+def fit_made(image=None, labels=None, depth=None):
+    labels = made.mask().astype(np.uint8) if labels is None else labels
+    image, depth = (given if given is not None else default() for given, default in ((image, made.image), (depth, made.depth)))
+    return finish(fit_splats(image, labels, depth, made.camera(), SETTINGS))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit_made()
+
+
+def test_the_object_is_drawn_to_35_decibel(fitted):
+    image, mask = made.image(), made.mask()
+    background = torch.full((3,), 120 / 255)
+    drawn = render(fitted[1], made.camera(), background)[0].astype(float)
+    assert losses.psnr_masked(drawn, image / 255, mask) > 35
+
+
+def test_the_mask_is_filled_and_hardly_anything_bleeds_out_of_it(fitted):
+    alpha, mask = render(fitted[1], made.camera())[1], made.mask()
+    assert alpha[mask].mean() > 0.97
+    assert alpha[~mask].sum() < 0.03 * mask.sum()
+
+
+def test_the_drawn_depth_is_the_surface(fitted):
+    depth, mask = render(fitted[1], made.camera())[2], made.mask()
+    error = depth[mask] - made.depth()[mask]
+    assert np.median(np.abs(error)) < 0.003
+    assert abs(error.mean()) < 0.001
+
+
+def test_progress_counts_up_and_the_loss_falls(fitted):
+    seen = fitted[0]
+    assert [k for k, _, _ in seen] == list(range(1, 61))
+    assert {n for _, n, _ in seen} == {60}
+    assert seen[-1][2] < 0.2 * seen[0][2]
+
+
+def test_never_more_gaussians_than_asked_for(fitted):
+    assert 500 < len(fitted[1].mean) <= 700
+
+
+def test_two_fits_are_equal_to_the_bit(fitted):
+    again = fit_made()[1]
+    assert all(np.array_equal(a, b) for a, b in zip(vars(again).values(), vars(fitted[1]).values(), strict=True))
+
+
+def test_the_result_survives_raw_form_to_the_bit(fitted):
+    again = ply.from_raw(ply.to_raw(fitted[1]))
+    assert all(np.array_equal(a, b) for a, b in zip(vars(again).values(), vars(fitted[1]).values(), strict=True))
+
+
+def test_ignored_pixels_leave_no_trace():
+    labels, image = made.mask().astype(np.uint8), made.image()
+    labels[:, 30:36] = 255
+    painted = image.copy()
+    painted[:, 30:36] = (255, 0, 255)
+    plain, changed = (fit_made(image=i, labels=labels)[1] for i in (image, painted))
+    assert all(np.array_equal(a, b) for a, b in zip(vars(plain).values(), vars(changed).values(), strict=True))
+
+
+def test_an_empty_mask_is_refused():
+    with pytest.raises(InputError, match="frame 0 shows no object"):
+        fit_made(labels=np.full((made.HEIGHT, made.WIDTH), 255, np.uint8))
+
+
+def test_a_mask_without_any_depth_is_refused():
+    with pytest.raises(InputError, match="depth: is 0 or not finite on the whole mask"):
+        fit_made(depth=np.full((made.HEIGHT, made.WIDTH), np.nan, np.float32))
+
+
+def test_holes_and_nan_in_the_depth_are_bridged():
+    depth = made.depth()
+    depth[20:24, 20:40], depth[10:14, 28:33] = 0, np.nan
+    splats = fit_made(depth=depth)[1]
+    assert all(np.isfinite(a).all() for a in vars(splats).values())
+
+
+@pytest.mark.parametrize("scene", ["beam_gust", "plant_poke"])
+def test_frame_0_of_a_truth_scene_reaches_35_decibel(scene, scenes):
+    from diffphys_ros.bags.read import read_clip
+    from diffphys_ros.segment import label_clip
+
+    settings = config.layered([scenes / scene / "given.yaml"], {"splats.iterations": 40})
+    clip = read_clip(scenes / scene / "clip.mcap", settings)
+    labels = label_clip(clip, settings)[0]
+    assert clip.depth is not None
+    _, splats = finish(fit_splats(clip.frames[0], labels, clip.depth[0], clip.camera, settings))
+    around = torch.as_tensor(np.where((labels > 0)[..., None], clip.frames[0][labels == 0].mean(0), clip.frames[0]) / 255)
+    drawn = render(splats, clip.camera, around)[0].astype(float)
+    assert losses.psnr_masked(drawn, clip.frames[0] / 255, losses.foreground(labels)) > 35
