@@ -13,8 +13,9 @@ from torch import Tensor
 
 from ..types import Grid
 from .box import Box
-from .kernels import common
+from .common import common
 from .plan import NODE_VALUES, Plan
+from .program import PROGRAMS
 from .scratch import NO_FLAG, Inputs, Scratch
 from .state import WIDTH
 from .tape import Tape
@@ -47,9 +48,11 @@ class Replay:
         nodal: bool,
         budget: float,
     ):
+        wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # its banner and compile log are not ours to print
         wp.init()
         self.grid, self.period_s, self.substeps, self.mean_mass = grid, period_s, substeps, mean_mass
         self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal)
+        self.program = volume.device.type
         self.variant = (law, self.scratch.real, nodal)
         self.boxed = volume.device.type == "cpu" and not nodal
         size = torch.finfo(volume.dtype).bits // 8
@@ -84,7 +87,7 @@ class Replay:
             lease.give_back()
         else:
             self._replay(data, box)
-        self.scratch.inputs_bar.keep.copy_(self.scratch.keep_bar[: box.nodes].sum())
+        self.scratch.inputs_bar.drag.copy_(self.scratch.drag_bar[: box.nodes].sum())
         return self.scratch.state_bar.clone(), self.scratch.inputs_bar
 
     def bytes(self) -> int:
@@ -97,7 +100,7 @@ class Replay:
         """Position [m] (3,) of the particle that raised the flag `code`, after the substep that raised it."""
         substep, particle = divmod(code // 4, len(self.scratch.volume))
         tape, kept = self._last
-        return tape.states[substep + 1 if kept else 0, particle, :3].cpu().numpy()
+        return tape.view.states[substep + 1 if kept else 0, particle, :3].cpu().numpy()
 
     def _attempt(self, tape: Tape, box: Box, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
         self.scratch.begin_forward(values)
@@ -122,7 +125,7 @@ class Replay:
     def _replay_tape(self) -> Tape:
         if self._chunk_tape is None:
             self._chunk_tape = self._tape(self.plan.chunk, velocity_nodes=self.box_room * self.plan.keep_velocity)
-            self._marks = self.scratch.volume.new_zeros(self.plan.marks, *self.once.states.shape[1:])
+            self._marks = self.scratch.volume.new_zeros(self.plan.marks, *self.once.view.states.shape[1:])
         return self._chunk_tape
 
     def _lend(self) -> Lease | None:
@@ -132,7 +135,7 @@ class Replay:
         return Lease(self.free.pop(), self.free) if self.free else None
 
     def _tape(self, length: int, *, velocity_nodes: int) -> Tape:
-        return Tape(self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant)
+        return Tape(self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant, program=PROGRAMS[self.program])
 
     def _box(self, data: Tensor) -> Box:
         if not self.boxed:

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from .kernels import common
+from .common import common
 from .state import WIDTH
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
@@ -24,7 +24,7 @@ class Inputs:
     lam: Tensor  # [Pa], shape (P,)
     body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
     mass: Tensor  # [kg], shape (P,)
-    keep: Tensor  # share of velocity kept over a substep, shape (1,)
+    drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (1,)
     node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
 
     @classmethod
@@ -35,7 +35,7 @@ class Inputs:
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
-        return self.mu, self.lam, self.body, self.mass, self.keep, self.node_force
+        return self.mu, self.lam, self.body, self.mass, self.drag, self.node_force
 
     def copy_(self, values: tuple[Tensor, ...]) -> None:
         """Overwrite the fields in place."""
@@ -55,7 +55,10 @@ class Scratch:
         self.inputs_bar = Inputs.zeros_like(volume, nodes * nodal)
         self.state_bar = zeros(len(volume), WIDTH)
         self.velocity_bar, self.momentum_bar = zeros(nodes, 4), zeros(nodes, 4)
-        self.keep_bar = zeros(nodes)
+        self.drag_bar = zeros(nodes)
+        self.momentum_view, self.drag = self.see(self.momentum, 4), self.see(self.inputs.drag)
+        self.material, self.material_bar = self._material(self.inputs), self._material(self.inputs_bar)
+        self.bar = self._fill(common(self.real).StateBar(), self.state_bar)
 
     def begin_forward(self, values: tuple[Tensor, ...]) -> None:
         """Take a frame's inputs; forget what an interrupted or diverged run left behind."""
@@ -67,15 +70,12 @@ class Scratch:
         """As begin_forward, for the adjoint of the state after the frame (P, 24)."""
         self.begin_forward(values)
         self.state_bar.copy_(next_bar)
-        for bar in (self.velocity_bar, self.momentum_bar, self.keep_bar, *self.inputs_bar.tensors()):
+        for bar in (self.velocity_bar, self.momentum_bar, self.drag_bar, *self.inputs_bar.tensors()):
             bar.zero_()
 
-    def fields(self, data: Tensor) -> list[Any]:
-        """Warp views of x, v, C and F of states (..., P, 24)."""
-        t = common(self.real)
-        vectors = [wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6))]
-        matrices = [wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24))]
-        return vectors + matrices
+    def states(self, data: Tensor) -> Any:
+        """Warp's view of states (slots, P, 24)."""
+        return self._fill(common(self.real).States(), data)
 
     def see(self, tensor: Tensor, length: int = 0) -> Any:
         """Warp view of a tensor of scalars, or of vectors of a length."""
@@ -83,7 +83,15 @@ class Scratch:
             return wp.from_torch(tensor, dtype=wp.int64)
         return wp.from_torch(tensor, dtype=wp.types.vector(length, self.real) if length else self.real)
 
-    def material(self) -> list[Any]:
-        """Views of what p2g reads of the particles' inputs."""
-        i, see = self.inputs, self.see
-        return [see(i.mu), see(i.lam), see(i.body, 3), see(self.volume), see(i.mass), see(i.node_force, 3)]
+    def _fill(self, fields: Any, data: Tensor) -> Any:
+        """A struct's x, v, C, F seen in data (..., P, 24)."""
+        t = common(self.real)
+        fields.x, fields.v = (wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6)))
+        fields.C, fields.F = (wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24)))
+        return fields
+
+    def _material(self, i: Inputs) -> Any:
+        m, see = common(self.real).Material(), self.see
+        m.mu, m.lam, m.body, m.mass = see(i.mu), see(i.lam), see(i.body, 3), see(i.mass)
+        m.volume, m.node_force = see(self.volume), see(i.node_force, 3)
+        return m

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..errors import InputError, SimulationError
-from .kernels import INVERTED, LEFT_GRID
+from .forward import INVERTED, LEFT_GRID
 
 CFL = 0.5  # c_p dt / dx
 YOUNG_MARGIN = 1.5  # substeps are chosen for this times the stiffest Young's modulus of the moment

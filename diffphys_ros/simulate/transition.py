@@ -129,7 +129,7 @@ class Simulator:
         the force density -alpha rho v. `number` names the frame in errors. Raises SimulationError.
         """
         material = self._material(young, poisson, density)
-        return self._step(state, material, force, self._keep(mass_damping), number)
+        return self._step(state, material, force, self._drag(mass_damping), number)
 
     def rollout(
         self,
@@ -148,10 +148,10 @@ class Simulator:
         `force` has shape (T - 1, P, 3): force[k] acts between frames k and k + 1. `after_frame` maps the state at each
         new frame (stiffness damping); `report` hears the share of frames done. Else as in `frame`.
         """
-        material, keep = self._material(young, poisson, density), self._keep(mass_damping)
+        material, drag = self._material(young, poisson, density), self._drag(mass_damping)
         states = [state]
         for k, density_of_force in enumerate(force):
-            after = self._step(states[-1], material, density_of_force, keep, k)
+            after = self._step(states[-1], material, density_of_force, drag, k)
             states.append(after_frame(after) if after_frame else after)
             if report:
                 report((k + 1) / len(force))
@@ -194,12 +194,12 @@ class Simulator:
         values = mu, lam, self.density if density is None else density
         return tuple(v.to(**self.options).expand_as(self.volume).contiguous() for v in values)  # type: ignore[return-value]
 
-    def _keep(self, mass_damping: Tensor | float) -> Tensor:
+    def _drag(self, mass_damping: Tensor | float) -> Tensor:
         """Share of velocity that mass damping leaves after one substep, shape (1,)."""
         alpha = torch.as_tensor(mass_damping).to(**self.options)
         return torch.exp(-alpha * (self.period_s / self.substeps)).reshape(1)
 
-    def _step(self, state: State, material: tuple[Tensor, Tensor, Tensor], force: Tensor | None, keep: Tensor, number: int) -> State:
+    def _step(self, state: State, material: tuple[Tensor, Tensor, Tensor], force: Tensor | None, drag: Tensor, number: int) -> State:
         mu, lam, density = material
         body, node_force = density[:, None] * self.gravity, self.volume.new_zeros(1, 3)
         if force is not None and self.nodal:
@@ -208,7 +208,7 @@ class Simulator:
             body = body + force
         elif self.nodal:
             node_force = node_force.expand(math.prod(self.grid.size), 3)
-        inputs = mu, lam, body, density * self.volume, keep, node_force
+        inputs = mu, lam, body, density * self.volume, drag, node_force
         data = _Frame.apply(self.replay, state.data.contiguous(), *inputs)
         self._check_flag(number, material)
         return State(data)

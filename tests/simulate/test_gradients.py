@@ -11,6 +11,7 @@ from torch import Tensor
 
 from diffphys_ros.simulate import Simulator, State
 from diffphys_ros.simulate.laws import LAWS
+from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
 
 from . import twin
 from .bodies import block, simulator
@@ -118,6 +119,17 @@ def test_kept_frames_whole_replays_and_chunked_replays_give_the_same_gradient():
         plans.append((given.sim.replay.plan.kept > 0, given.sim.replay.plan.keep_velocity, given.sim.replay.plan.marks > 0))
     assert plans == [(True, True, False), (False, True, False), (False, False, False), (False, False, True)]
     assert all(torch.equal(a, b) for other in gradients[1:] for a, b in zip(gradients[0], other, strict=True))
+
+
+@pytest.mark.parametrize("budget_mb", [64.0, 0.0])
+@pytest.mark.parametrize("force_on", ["particles", "nodes"])
+def test_one_launch_a_frame_and_one_launch_a_kernel_give_the_same(budget_mb, force_on, monkeypatch):
+    results = []
+    for program in (Serial, Parallel):
+        monkeypatch.setitem(PROGRAMS, "cpu", program)
+        given = case(9, budget_mb=budget_mb, force_on=force_on)
+        results.append([given.after(given.inputs).data, *torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values()))])
+    assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
 
 
 def test_a_second_backward_pass_over_the_same_frame_gives_the_same_gradient():

@@ -1,0 +1,135 @@
+"""Recorded launches over one tape: run substeps forward, go back over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import warp as wp
+from torch import Tensor
+
+from .kernels import parallel_adjoint, parallel_forward, serial_adjoint, serial_forward
+from .scratch import Scratch
+
+
+@dataclass
+class View:
+    """What a program works on: Warp's views of a tape and of the scratch arrays, and the present box."""
+
+    scratch: Scratch
+    states: Tensor  # shape (slots, P, 24)
+    velocity: Tensor  # shape (nodes or slots x nodes, 4)
+    variant: tuple[Any, ...]  # law, scalar type, nodal
+    lattice: Any = None
+    nodes: int = 0
+
+    def launch(self, kernel: Any, dim: int, inputs: list[Any]) -> wp.Launch:
+        """A recorded launch."""
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.states.device), record_cmd=True)
+
+
+class Program(Protocol):
+    """How the substeps of a tape are launched. `stride` is the distance of kept velocity grids, 0 where one is kept."""
+
+    def __init__(self, view: View): ...
+
+    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
+        """Substeps start .. stop - 1 from the state in slot 0; into slots 1, 2, .. with `keep`, else all in slot 0."""
+
+    def reverse(self, count: int, *, stride: int) -> None:
+        """The adjoint in scratch from after slot `count` to before slot 0."""
+
+
+class Serial:
+    """One launch for all substeps: for the CPU."""
+
+    def __init__(self, view: View):
+        self.view = view
+
+    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
+        for index, value in enumerate((self.view.lattice, start, stop, int(keep), stride)):
+            self._forward.set_param_at_index(index, value)
+        self._forward.launch()
+
+    def reverse(self, count: int, *, stride: int) -> None:
+        for index, value in enumerate((self.view.lattice, count, stride)):
+            self._adjoint.set_param_at_index(index, value)
+        self._adjoint.launch()
+
+    @cached_property
+    def _forward(self) -> wp.Launch:
+        v, s = self.view, self.view.scratch
+        inputs = [v.lattice, 0, 0, 0, 0, s.material, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4), s.see(s.flag)]
+        return v.launch(serial_forward(*v.variant), 1, inputs)
+
+    @cached_property
+    def _adjoint(self) -> wp.Launch:
+        v, s = self.view, self.view.scratch
+        known = [s.material, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4)]
+        bars = [s.bar, s.material_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4), s.see(s.drag_bar)]
+        return v.launch(serial_adjoint(*v.variant), 1, [v.lattice, 0, 0, *known, *bars])
+
+
+class Parallel:
+    """A launch for each part of a substep, without waiting for the device in between: for CUDA."""
+
+    def __init__(self, view: View):
+        self.view = view
+
+    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
+        p2g, grid, g2p = self._enter(self._forward)
+        for n in range(start, stop):
+            slot = (n - start) * keep
+            _launch(p2g, {1: slot})
+            _launch(grid, {1: slot * stride})
+            _launch(g2p, {1: slot, 2: slot + keep, 3: n, 4: slot * stride})
+
+    def reverse(self, count: int, *, stride: int) -> None:
+        p2g, grid, _ = self._enter(self._forward)
+        g2p_adjoint, grid_adjoint, p2g_adjoint = self._enter(self._adjoint)
+        for slot in reversed(range(count)):
+            if not stride:
+                _launch(p2g, {1: slot})
+                _launch(grid, {1: 0})
+            _launch(g2p_adjoint, {1: slot, 2: slot + 1, 3: slot * stride})
+            _launch(grid_adjoint, {0: slot * stride})
+            _launch(p2g_adjoint, {1: slot})
+
+    def _enter(self, launches: list[wp.Launch]) -> list[wp.Launch]:
+        """Set the present box; the middle launch runs over nodes."""
+        launches[1].set_dim(self.view.nodes)
+        for command in launches:
+            if "lattice" in command.kernel.adj.arg_types:
+                command.set_param_at_index(0, self.view.lattice)
+        return launches
+
+    @cached_property
+    def _forward(self) -> list[wp.Launch]:
+        v, s, k = self.view, self.view.scratch, parallel_forward(*self.view.variant)
+        count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
+        return [
+            v.launch(k.p2g, count, [v.lattice, 0, states, s.material, s.momentum_view]),
+            v.launch(k.grid, v.nodes, [v.lattice, 0, s.drag, s.momentum_view, velocity]),
+            v.launch(k.g2p, count, [v.lattice, 0, 0, 0, 0, velocity, states, s.see(s.flag)]),
+        ]
+
+    @cached_property
+    def _adjoint(self) -> list[wp.Launch]:
+        v, s, k = self.view, self.view.scratch, parallel_adjoint(*self.view.variant)
+        count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
+        velocity_bar, momentum_bar = s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4)
+        return [
+            v.launch(k.g2p_adjoint, count, [v.lattice, 0, 0, 0, states, velocity, s.bar, velocity_bar]),
+            v.launch(k.grid_adjoint, v.nodes, [0, s.drag, velocity, velocity_bar, momentum_bar, s.see(s.drag_bar)]),
+            v.launch(k.p2g_adjoint, count, [v.lattice, 0, states, s.material, momentum_bar, s.bar, s.material_bar]),
+        ]
+
+
+def _launch(command: wp.Launch, arguments: dict[int, int]) -> None:
+    for index, value in arguments.items():
+        command.set_param_at_index(index, value)
+    command.launch()
+
+
+PROGRAMS: dict[str, type[Program]] = {"cpu": Serial, "cuda": Parallel}  # by torch device type
