@@ -4,7 +4,6 @@ receive; then compares with the known truth. Exit status 0 only if every process
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -12,12 +11,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from processes import PROGRAMS, last_lines, module, node, shown, start, stop
+from processes import PROGRAMS, last_lines, module, node, run, shown, start, stop
 
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
-from diffphys_ros.errors import InputError
 from diffphys_ros.report import figure
 from diffphys_ros.report.colours import pascals
 from diffphys_ros.score import net_force, read_truth
@@ -150,10 +148,4 @@ def print_places() -> None:
 
 
 if __name__ == "__main__":
-    os.chdir(Path(__file__).resolve().parent.parent)
-    try:
-        sys.exit(main())
-    except InputError as error:
-        sys.exit(f"demo: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(main)

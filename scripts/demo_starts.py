@@ -5,7 +5,6 @@ modulus agrees within SPREAD over all runs."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from demo import BUDGET_S
-from processes import PROGRAMS, shown
+from processes import PROGRAMS, run, shown
 
 from diffphys_ros import result
 from diffphys_ros.bags.sample import sample_folder
@@ -74,8 +73,4 @@ def print_table(young: dict[str, np.ndarray]) -> int:
 
 
 if __name__ == "__main__":
-    os.chdir(Path(__file__).resolve().parent.parent)
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(main)

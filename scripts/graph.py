@@ -5,7 +5,6 @@ fit_node on both sides: `scripts/graph.py fit.iterations:=1`."""
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from demo import BUDGET_S
-from processes import environment, last_lines, module, node, shown, start, stop
+from processes import environment, last_lines, module, node, run, shown, start, stop
 
 from diffphys_ros import result
 from diffphys_ros.bags.sample import sample_folder
@@ -40,11 +39,11 @@ def main(arguments: list[str]) -> int:
         "inspect_node": node("inspect_node", {"file": OUT / "inspect.rrd"}),
         "camera": module("diffphys_ros.nodes.replay", str(sample / "clip.mcap")),
     }
-    good = all([run("one", one), run("five", five)])
+    good = all([play("one", one), play("five", five)])
     return 0 if good and print_comparison(OUT / "one", OUT / "five") else 1
 
 
-def run(side: str, commands: dict[str, list[str]]) -> bool:
+def play(side: str, commands: dict[str, list[str]]) -> bool:
     """Runs these processes until fit_node has written its files; whether all ended well."""
     folder, began = result.check_writable(OUT / side), time.monotonic()
     print(f"\n{side}:", *(f"$ {shown(command)}" for command in commands.values()), sep="\n  ", flush=True)
@@ -84,8 +83,4 @@ def _difference(a: np.ndarray, b: np.ndarray | None) -> str:
 
 
 if __name__ == "__main__":
-    os.chdir(Path(__file__).resolve().parent.parent)
-    try:
-        sys.exit(main(sys.argv[1:]))
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(lambda: main(sys.argv[1:]))

@@ -6,9 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
+
+from diffphys_ros.errors import InputError
 
 PROGRAMS = Path(sys.executable).parent
 PATIENCE_S = 20.0  # for a process that was asked to end
@@ -38,6 +40,18 @@ def stop(process: subprocess.Popen) -> int:
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
+
+
+def run(main: Callable[[], int]) -> NoReturn:
+    """Runs a demonstration from the top of the checkout; Ctrl-C and SIGTERM let it stop what it started."""
+    os.chdir(Path(__file__).resolve().parent.parent)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.exit(main())
+    except InputError as error:
+        sys.exit(f"{Path(sys.argv[0]).stem}: {error}")
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 def environment() -> dict[str, str]:

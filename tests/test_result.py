@@ -121,16 +121,8 @@ def made_prepared(made_clip: Clip) -> Prepared:
     rng = np.random.default_rng(0)
     frames, parts, modes, points = len(made_clip), 2, 3, 7
     nodes = rng.normal(size=(20, 3))
-    model = ModalModel(
-        nodes=nodes,
-        tets=rng.integers(0, 20, (4, 10)),
-        part=np.array([1, 1, 2, 2]),
-        basis=rng.normal(size=(20, 3, modes)),
-        stiffness=rng.normal(size=(parts, modes, modes)),
-        geometric=np.zeros((modes, modes)),
-        gravity_load=np.zeros(modes),
-        reference=np.array([1e5, 2e4]),
-    )
+    shapes = {"nodes": (20, 3), "basis": (20, 3, modes), "stiffness": (parts, modes, modes), "geometric": (modes, modes)}
+    model = ModalModel(**{f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)})
     start = StartValues(
         young=np.array([1e5, 2e4]),
         log10_young_sd=np.array([0.02, 0.03]),
