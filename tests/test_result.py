@@ -120,8 +120,13 @@ def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recove
 def made_prepared(made_clip: Clip) -> Prepared:
     rng = np.random.default_rng(0)
     frames, parts, modes, points = len(made_clip), 2, 3, 7
-    nodes = rng.normal(size=(20, 3))
-    shapes = {"nodes": (20, 3), "basis": (20, 3, modes), "stiffness": (parts, modes, modes), "geometric": (modes, modes)}
+    shapes = {
+        "nodes": (20, 3),
+        "basis": (20, 3, modes),
+        "stiffness": (parts, modes, modes),
+        "geometric": (modes, modes),
+        "retuning": (modes, modes),
+    }
     model = ModalModel(**{f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)})
     start = StartValues(
         young=np.array([1e5, 2e4]),
