@@ -12,8 +12,8 @@ from diffphys_ros.config import Settings
 from diffphys_ros.depth import surface_depth
 from diffphys_ros.errors import InputError
 from diffphys_ros.particles import build_body
-from diffphys_ros.particles.body import local_half_width
 from diffphys_ros.particles.edges import coverage
+from diffphys_ros.particles.solid import local_half_width
 from diffphys_ros.types import Body, Camera, Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, camera_at, oblique_camera
 
