@@ -29,6 +29,7 @@ class Rasterizer:
     """
 
     def __init__(self, camera: Camera, device: str = "cpu") -> None:
+        wp.init()  # does nothing where Warp is up already
         self.camera = camera
         self.device = torch.device(device)
         self._views: dict[Window, View] = {}

@@ -177,6 +177,19 @@ def test_two_runs_are_equal_to_the_bit():
     assert all(torch.equal(a, b) for a, b in zip(*gradients, strict=True))
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_cuda_equals_the_cpu_in_values_and_gradients():
+    camera = random_scenes.oblique_camera(160, 120)
+    exact, found = random_scenes.random_gaussians(camera, 800), {}
+    for device in ("cpu", "cuda:0"):
+        leaves = [t.detach().float().to(device).requires_grad_() for t in exact]
+        outputs = Rasterizer(camera, device).render(*leaves, torch.tensor([0.2, 0.3, 0.4]))
+        sum(t.square().sum() for t in outputs).backward()
+        found[device] = [t.detach().cpu() for t in (*outputs, *(leaf.grad for leaf in leaves))]
+    for a, b in zip(*found.values(), strict=True):
+        assert (a - b).norm() < 1e-4 * a.norm()
+
+
 def test_a_wrong_shape_is_named():
     mean, rotation, scale, opacity, color = gaussian([0, 0, 1.0], [0.1] * 3)
     with pytest.raises(InputError, match=r"scale has shape \(1, 2\)"):
