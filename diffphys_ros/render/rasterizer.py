@@ -29,7 +29,8 @@ class Rasterizer:
     """
 
     def __init__(self, camera: Camera, device: str = "cpu") -> None:
-        wp.init()  # does nothing where Warp is up already
+        wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # no banner, no compile log
+        wp.init()
         self.camera = camera
         self.device = torch.device(device)
         self._views: dict[Window, View] = {}
