@@ -1,33 +1,33 @@
-"""Apparent stiffness of the solver's grid on this very body: small vibrations of the MLS-MPM lattice itself.
+"""Apparent stiffness of the solver's grid on this very body: small deformations of the MLS-MPM lattice itself.
 
 Quadratic B-splines, one quadrature point per particle with the affine (APIC) velocity gradient of MLS-MPM
-(C = 4/dx^2 sum_i w_i v_i (x_i - x_p)^T, Hu et al. 2018), lumped grid mass, clamped nodes held. numpy and scipy only.
+(C = 4/dx^2 sum_i w_i v_i (x_i - x_p)^T, Hu et al. 2018), clamped nodes held. numpy and scipy only.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import splu
 
 from ..types import Body, Grid, Particles
 from .model import ModalModel
 
-LIGHT = 0.05  # nodes below this share of the heaviest mass hardly hold the body; their mass is made to fall with their stiffness
-EMPTY = 1e-4  # nodes below this share are left out
-SOUGHT = 8  # lattice modes among which the body's leading one is looked for
+FLOOR = 1e-10  # of the diagonal, added to it: nodes that particles only touch have next to no stiffness
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 
 
 def apparent_stiffness(particles: Particles, grid: Grid, body: Body, young: np.ndarray, modal: ModalModel) -> float:
     """E_apparent / E of the grid: squared ratio of the lattice's frequency to the finite elements' in the leading mode.
 
-    A fit on the grid is too stiff by the inverse: E_true = E_fit * E_apparent / E. Gravity is left out on both sides; the
-    lattice's mode is the one whose shape is nearest to the elements'.
+    A fit on the grid is too stiff by the inverse: E_true = E_fit * E_apparent / E. Gravity is left out on both sides. The
+    lattice's frequency is Timoshenko's quotient of the elements' mode phi, right to second order in the difference of the shapes:
+    omega^2 = sum m |phi|^2 / (f . K^-1 f) with the inertial load f of the particles, lowered by the spin that APIC's affine
+    velocities carry (inertia m dx^2 / 4 per particle).
 
     Args:
         particles, grid: as the solver uses them, ghosts included.
-        body: for the clamp; a body that is free to move has no such mode and gives 1.
+        body: for the clamp; a body that is free to move rigidly gives 1.
         young: Young's moduli [Pa], (n,).
         modal: modes of the same body.
     """
@@ -35,22 +35,15 @@ def apparent_stiffness(particles: Particles, grid: Grid, body: Body, young: np.n
         return 1.0
     lattice = Lattice(particles, grid)
     omega2, shapes = np.linalg.eigh(modal.elastic(young))
-    own = particles.own
-    leading = np.einsum("mcr,r->mc", modal.evaluate(particles.x_rest[own])[0], shapes[:, 0])
-    found, modes = lattice.eigenmodes(np.asarray(young, float)[particles.part - 1], SOUGHT)
-    seen = lattice.at_particles(modes)[own]
-    weight = particles.mass[own]
-    overlap = np.einsum("m,mc,mck->k", weight, leading, seen) ** 2 / np.einsum("m,mck->k", weight, seen**2)
-    return float(found[overlap.argmax()] / omega2[0])
+    leading, slope = (field @ shapes[:, 0] for field in modal.evaluate(particles.x_rest))
+    mass = np.where(particles.ghost, 0.0, particles.mass)
+    compliance = lattice.compliance(np.asarray(young, float)[particles.part - 1], mass[:, None] * leading)
+    motion, spin = mass @ (leading**2).sum(1), mass @ (slope**2).sum((1, 2)) * grid.dx**2 / 4
+    return float(motion / (omega2[0] * compliance) * motion / (motion + spin))
 
 
 class Lattice:
-    """Matrices of the grid that carries the particles.
-
-    Attributes:
-        free: numbers of the free nodes among the touched ones, (F,).
-        mass: of the free degrees of freedom [kg], (3 F,).
-    """
+    """Matrices of the grid that carries the particles, over its F free nodes."""
 
     def __init__(self, particles: Particles, grid: Grid):
         relative = (particles.x_rest - grid.origin) / grid.dx
@@ -60,20 +53,17 @@ class Lattice:
         number = np.ravel_multi_index(tuple(np.moveaxis(nodes, -1, 0)), grid.size)
         touched, column = np.unique(number, return_inverse=True)
         column = column.reshape(number.shape)
-        mass = np.bincount(column.ravel(), (weights * particles.mass[:, None]).ravel())
         clamped = np.zeros(len(touched), bool)
         clamped[column[held]] = True
         self._particles = particles
-        self.free = np.flatnonzero(~clamped & (mass > EMPTY * mass.max()))
-        floor = LIGHT * mass.max()
-        self.mass = np.repeat(np.where(mass < floor, mass**2 / floor, mass)[self.free], 3)
+        self._free = np.flatnonzero(~clamped)
         arm = (nodes - relative[:, None]) * (4 / grid.dx)  # 4/dx^2 (x_i - x_p)
         self._value = self._matrix(weights, column, len(touched))
         self._slope = [self._matrix(weights * arm[..., a], column, len(touched)) for a in range(3)]
 
     def _matrix(self, entries: np.ndarray, column: np.ndarray, count: int) -> sp.csr_matrix:
         row = np.repeat(np.arange(len(entries)), entries.shape[1])
-        return sp.csr_matrix((entries.ravel(), (row, column.ravel())), (len(entries), count))[:, self.free]
+        return sp.csr_matrix((entries.ravel(), (row, column.ravel())), (len(entries), count))[:, self._free]
 
     def stiffness(self, young: np.ndarray) -> sp.csc_matrix:
         """Small-strain stiffness (3 F, 3 F) at Young's modulus per particle (P,) [Pa]."""
@@ -90,17 +80,13 @@ class Lattice:
             total = total + rows.T @ sp.diags(volume * mu * (2.0 if a == b else 1.0)) @ rows
         return total.tocsc()
 
-    def eigenmodes(self, young: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest squared angular frequencies [1/s^2] and shapes (3 F, count)."""
+    def compliance(self, young: np.ndarray, load: np.ndarray) -> float:
+        """Work f . K^-1 f [J] of loads (P, 3) [N] on the particles."""
         matrix = self.stiffness(young)
-        solve = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
-        start = np.random.default_rng(0).standard_normal(len(self.mass))
-        inverse = LinearOperator(matrix.shape, matvec=solve, dtype=float)
-        return eigsh(matrix, count, sp.diags(self.mass).tocsc(), sigma=0.0, OPinv=inverse, v0=start, tol=1e-6)
-
-    def at_particles(self, shapes: np.ndarray) -> np.ndarray:
-        """Displacements (P, 3, k) of the particles in nodal shapes (3 F, k)."""
-        return np.stack([self._value @ shapes[a::3] for a in range(3)], 1)
+        matrix = (matrix + FLOOR * sp.diags(matrix.diagonal() + matrix.diagonal().mean())).tocsc()
+        force = (self._value.T @ load).ravel()
+        factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return float(force @ factor.solve(force))
 
 
 def _stencil(relative: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
