@@ -51,7 +51,7 @@ class Domain:
         """Start a node's executable, its log called `name`; `__` in a parameter's name stands for a dot."""
         words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
         code = f"from diffphys_ros.nodes.executables import {executable}; {executable}()"
-        return self.start(name or executable, "-c", code, "--ros-args", *words)
+        return self.start(name or executable, "-X", "faulthandler", "-c", code, "--ros-args", *words)
 
     def start(self, name: str, *arguments: str) -> subprocess.Popen:
         """Start Python with these arguments."""
@@ -77,13 +77,22 @@ class Domain:
         for number in signals:
             process.send_signal(number)
             time.sleep(gap_s)
-        return process.wait(patience_s)
+        return self._wait(name, patience_s)
 
     def end_all(self) -> dict[str, int]:
         """SIGINT to every process; the exit statuses."""
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
-        return {name: process.wait(20) for name, process in self.running.items()}
+        return {name: self._wait(name) for name in self.running}
+
+    def _wait(self, name: str, patience_s: float = 20.0) -> int:
+        process = self.running[name]
+        try:
+            return process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)  # has it write where it stands
+            process.wait(5)
+            raise AssertionError(f"{name} did not end within {patience_s} s:\n{self.said(name)}") from None
 
     def _log(self, name: str) -> Path:
         return self.folder / f"{name}.log"
