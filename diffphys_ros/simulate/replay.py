@@ -30,6 +30,7 @@ class Lease:
     def __init__(self, tape: Tape, free: list[Tape]):
         self.tape = tape
         self.give_back = weakref.finalize(self, free.append, tape)
+        self.give_back.atexit = False
 
 
 class Replay:
@@ -52,7 +53,6 @@ class Replay:
         wp.init()
         self.grid, self.period_s, self.substeps, self.mean_mass = grid, period_s, substeps, mean_mass
         self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal)
-        self.program = volume.device.type
         self.variant = (law, self.scratch.real, nodal)
         self.boxed = volume.device.type == "cpu" and not nodal
         size = torch.finfo(volume.dtype).bits // 8
@@ -107,6 +107,8 @@ class Replay:
         tape.enter(box, self._lattice(box))
         after = tape.run(data, 0, self.substeps, keep=keep)
         self.code = int(self.scratch.flag.item())
+        if self.code != NO_FLAG:
+            tape.view.velocity.zero_()  # nodes without mass are not written: nothing that is not finite may stay there
         return after
 
     def _replay(self, data: Tensor, box: Box) -> None:
@@ -135,7 +137,9 @@ class Replay:
         return Lease(self.free.pop(), self.free) if self.free else None
 
     def _tape(self, length: int, *, velocity_nodes: int) -> Tape:
-        return Tape(self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant, program=PROGRAMS[self.program])
+        return Tape(
+            self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant, program=PROGRAMS[self.scratch.volume.device.type]
+        )
 
     def _box(self, data: Tensor) -> Box:
         if not self.boxed:
