@@ -1,0 +1,123 @@
+"""Claims about fit_node's services and its answers to bad input, in this process."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from diffphys_ros import config
+from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.msg_schemas import TOPICS, clouds, fields, messages
+from diffphys_ros.nodes.convert import message_class
+from diffphys_ros.nodes.fit_node import FitNode, Published
+from diffphys_ros.nodes.qos import profile
+
+
+class Robot:
+    """A node that subscribes to fit_node and calls its services, spun together with it."""
+
+    def __init__(self, node: FitNode) -> None:
+        self.node, self.me, self.heard = node, rclpy.create_node("robot"), {}
+        self.executor = SingleThreadedExecutor()
+        for each in (node, self.me):
+            self.executor.add_node(each)
+
+    def listen(self, name: str) -> None:
+        topic, self.heard[name] = TOPICS[name], []
+        self.me.create_subscription(message_class(topic.type_name), name.replace("~", "/fit_node"), self.heard[name].append, profile(topic))
+
+    def until(self, condition, timeout_s: float = 60.0) -> None:
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, f"state {self.node.state}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, service: str):
+        client = self.me.create_client(Trigger, f"/fit_node/{service}")
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        return future.result()
+
+    def stages(self) -> list[str]:
+        return [messages.values_of(m.status[0])["stage"] for m in self.heard["~/progress"]]
+
+
+@pytest.fixture
+def robot(make_node):
+    made = []
+
+    def make(**parameters) -> Robot:
+        made.append(Robot(make_node(FitNode, **parameters)))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.executor.shutdown()
+        each.me.destroy_node()
+
+
+def test_a_fit_can_be_cancelled_and_begun_again(robot):
+    r = robot(bag=sample_folder() / "clip.mcap", config=sample_folder() / "given.yaml")
+    r.listen("~/progress")
+    r.until(lambda: "segment" in r.stages())
+    assert not r.call("fit").success  # one runs
+    assert r.call("cancel").success
+    r.until(lambda: r.node.state == "cancelled")
+    r.until(lambda: "cancelled" in r.stages())
+    assert not r.call("cancel").success
+    assert r.call("fit").success
+    r.until(lambda: r.stages().count("segment") == 2)
+    assert r.call("reset").success
+    r.until(lambda: not r.node.worker.busy)
+
+
+def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
+    (tmp_path / "broken.mcap").write_bytes((sample_folder() / "clip.mcap").read_bytes()[:20_000])
+    r = robot(bag=tmp_path / "broken.mcap")
+    for name in ("~/quality", "~/progress", "/diagnostics"):
+        r.listen(name)
+    r.until(lambda: r.heard["~/quality"] and r.heard["/diagnostics"] and "failed" in r.stages())
+    status = r.heard["~/quality"][-1].status[0]
+    assert status.level == bytes([messages.ERROR])
+    assert "broken.mcap" in messages.values_of(status)["reason"]
+    r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["state"] == "failed")
+
+
+def test_without_a_bag_the_service_says_what_is_missing(robot):
+    response = robot().call("fit")
+    assert not response.success
+    assert "clip/image" in response.message
+
+
+def test_results_are_latched_and_the_motion_is_played_at_its_stamps(robot, made_recovery, made_clip):
+    r = robot(playback__rate=10.0)
+    answer = fields.answer(made_recovery, made_clip, config.build({}))
+    r.node.on_news(Published(answer))
+    r.until(lambda: r.node.playback.frame > 2)
+    for name in ("~/material_field", "~/force_field", "~/quality", "~/state", "~/net_force", "~/force_markers", "~/rendered"):
+        r.listen(name)  # late
+    r.until(lambda: len(r.heard["~/net_force"]) >= 2 * len(answer))  # it loops
+    assert [len(r.heard[name]) for name in ("~/material_field", "~/force_field", "~/quality")] == [1, 1, 1]
+    assert clouds.unpack(r.heard["~/force_field"][0]).tobytes() == clouds.unpack(answer.force_field()).tobytes()
+    by_stamp = {m.header.stamp.sec * 10**9 + m.header.stamp.nanosec: m.wrench for m in r.heard["~/net_force"]}
+    assert set(by_stamp) == {answer.stamp_ns(k) for k in range(len(answer))}
+    for k in range(len(answer)):
+        force = by_stamp[answer.stamp_ns(k)].force
+        assert [force.x, force.y, force.z] == pytest.approx(answer.wrench(k)[0], abs=1e-9)
+    assert {len(r.heard[name]) > 0 for name in ("~/state", "~/force_markers", "~/rendered")} == {True}
+
+
+def test_playback_ends_after_one_pass_where_looping_is_off(robot, made_recovery, made_clip):
+    r = robot(playback__rate=50.0, playback__loop="false")
+    r.listen("~/net_force")
+    r.until(lambda: r.node.count_subscribers("/fit_node/net_force") == 1)
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    r.until(lambda: len(r.heard["~/net_force"]) >= len(made_clip) - 1)  # the first may pass before the match
+    end = time.monotonic() + 0.3
+    r.until(lambda: time.monotonic() > end)
+    assert len(r.heard["~/net_force"]) <= len(made_clip)

@@ -1,0 +1,121 @@
+"""Claims about ingest_node: raw topics to a clip, in this process."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.nodes.clip_stage import CLIP
+from diffphys_ros.nodes.clip_topics import ClipBuffer
+from diffphys_ros.nodes.convert import message_class, to_ros
+from diffphys_ros.nodes.ingest_node import IngestNode
+from diffphys_ros.nodes.qos import latched, profile, sensor
+
+
+class Camera:
+    """A driver that publishes a clip's frames as raw topics, and a listener on clip/*."""
+
+    def __init__(self, node: IngestNode) -> None:
+        self.node, self.me, self.buffer = node, rclpy.create_node("camera"), ClipBuffer()
+        self.executor = SingleThreadedExecutor()
+        for each in (node, self.me):
+            self.executor.add_node(each)
+        self.image = self.me.create_publisher(Image, "image", sensor("reliable"))
+        self.info = self.me.create_publisher(CameraInfo, "camera_info", sensor("reliable"))
+        self.pose = self.me.create_publisher(TransformStamped, "camera_pose", latched())
+        self.until(lambda: self.image.get_subscription_count() and self.info.get_subscription_count())
+
+    def until(self, condition, timeout_s: float = 30.0) -> None:
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, f"waiting for {self.node.waiting_for()}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def publish(self, clip, frames, *, k_scale: float = 1.0) -> None:
+        info = messages.camera_info(messages.header(clip.start_ns, clip.camera.frame_id), clip.camera)
+        self.info.publish(to_ros("sensor_msgs/msg/CameraInfo", info | {"k": info["k"] * k_scale}))
+        self.pose.publish(to_ros("geometry_msgs/msg/TransformStamped", messages.camera_pose(clip.start_ns, clip.camera)))
+        for k in frames:
+            head = messages.header(clip.start_ns + round(k * clip.period_s * 1e9), clip.camera.frame_id)
+            self.image.publish(to_ros("sensor_msgs/msg/Image", messages.image(head, clip.frames[k], "rgb8")))
+
+    def listen(self) -> None:
+        for name in CLIP:
+            topic = TOPICS[name]
+            self.me.create_subscription(message_class(topic.type_name), name, lambda m, n=name: self.buffer.take(n, m), profile(topic))
+
+    def call(self, service: str):
+        client = self.me.create_client(Trigger, f"/ingest_node/{service}")
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def camera(make_node):
+    made = []
+
+    def make(**parameters) -> Camera:
+        made.append(Camera(make_node(IngestNode, reliability="reliable", **parameters)))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.executor.shutdown()
+        each.me.destroy_node()
+
+
+def test_silence_ends_the_clip_and_a_late_listener_gets_all_of_it(camera, made_clip):
+    c = camera(silence_s=0.5)
+    c.publish(made_clip, [k for k in range(len(made_clip)) if k != 4])
+    c.until(lambda: c.node.state == "done")
+    c.listen()
+    c.until(lambda: not c.buffer.missing(masks=False))
+    clip = c.buffer.clip()
+    assert clip.camera.world_frame_id == "world"
+    np.testing.assert_array_equal(clip.seen, np.arange(len(made_clip)) != 4)
+    np.testing.assert_array_equal(clip.frames[clip.seen], made_clip.frames[clip.seen])
+
+
+def test_the_service_ends_the_clip_and_what_comes_later_is_counted_as_dropped(camera, made_clip):
+    c = camera(silence_s=1000.0)
+    assert not c.call("end").success  # nothing there yet
+    c.publish(made_clip, range(len(made_clip)))
+    c.until(lambda: len(c.node.images) == len(made_clip))
+    assert c.call("end").success
+    c.until(lambda: c.node.state == "done")
+    c.publish(made_clip, range(3))
+    c.until(lambda: c.node.health()["dropped"] == 3)
+    assert c.call("reset").success
+    c.publish(made_clip, range(5))
+    c.until(lambda: len(c.node.images) == 5)
+
+
+def test_a_recording_that_starts_over_ends_the_clip(camera, made_clip):
+    from dataclasses import replace
+
+    slow = replace(made_clip, period_s=0.5)
+    c = camera(silence_s=1000.0)
+    c.publish(slow, range(len(slow)))
+    c.publish(slow, range(1))
+    c.until(lambda: c.node.state == "done")
+    assert len(c.node.images) == len(slow)
+
+
+def test_a_camera_without_focal_length_is_refused_with_a_sentence(camera, made_clip):
+    c = camera(silence_s=0.3)
+    failures = []
+    c.node.on_failed = failures.append
+    c.publish(made_clip, range(len(made_clip)), k_scale=0.0)
+    c.until(lambda: failures)
+    assert "K[0]" in failures[0]
+    assert c.node.state == "failed"
