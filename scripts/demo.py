@@ -22,7 +22,7 @@ from diffphys_ros.score import net_force, read_truth
 
 OUT = Path("out/demo")
 BUDGET_S = 150.0  # of the fit
-LIMIT_S = 360.0  # of everything
+LIMIT_S = 900.0  # of the fit with all around it, on however busy a machine; then something hangs
 FILES_S = 60.0  # for the last file after the last message
 
 YOUNG, RATIO, COSINE, FALSE_FORCE, GAIN_DB = 0.15, 0.12, 0.95, 0.05, 8.0  # bounds, shares and dB
@@ -42,6 +42,7 @@ def main() -> int:
     metrics = result.read_metrics(OUT)
     overlay_truth(sample, metrics)
     good = print_comparison(metrics)
+    print("refined by simulation" if metrics["refined"] else "the start values are the result: the simulation came no nearer to the tracks")
     print_places()
     print(f"\n{time.monotonic() - began:.0f} s in all")
     return 0 if good else 1
