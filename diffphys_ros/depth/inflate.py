@@ -53,6 +53,6 @@ def _entry(camera: Camera, rays: np.ndarray, mask: np.ndarray, front: np.ndarray
 def _falls_in(camera: Camera, points: np.ndarray, mask: np.ndarray) -> np.ndarray:
     pixels = camera.project(np.nan_to_num(points, nan=np.inf))[0] if len(points) else np.zeros((0, 2))
     index = np.rint(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(int)
-    seen = ((index >= 0) & (index < (mask.shape[1], mask.shape[0]))).all(-1)
+    seen = np.all((index >= 0) & (index < (mask.shape[1], mask.shape[0])), axis=-1)
     index = np.where(seen[:, None], index, 0)
     return seen & mask[index[:, 1], index[:, 0]]

@@ -27,4 +27,4 @@ def fit_grid(particles: Particles, *, dx: float, reach_m: float, clamped: bool) 
         cells = max(round((high - low + spacing) / dx), 1) + 2 * reach
         origins.append((low + high) / 2 - cells * dx / 2)
         sizes.append(cells + 1)
-    return Grid(np.array(origins, float), dx, tuple(sizes), int(-first) if clamped else -1)
+    return Grid(np.array(origins, float), dx, (sizes[0], sizes[1], sizes[2]), int(-first) if clamped else -1)
