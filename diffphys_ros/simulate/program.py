@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
+import torch
 import warp as wp
 from torch import Tensor
 
@@ -79,22 +81,24 @@ class Parallel:
 
     def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
         p2g, grid, g2p = self._enter(self._forward)
-        for n in range(start, stop):
-            slot = (n - start) * keep
-            _launch(p2g, {1: slot})
-            _launch(grid, {1: slot * stride})
-            _launch(g2p, {1: slot, 2: slot + keep, 3: n, 4: slot * stride})
+        with _torch_stream(self.view.states.device):
+            for n in range(start, stop):
+                slot = (n - start) * keep
+                _launch(p2g, {1: slot})
+                _launch(grid, {1: slot * stride})
+                _launch(g2p, {1: slot, 2: slot + keep, 3: n, 4: slot * stride})
 
     def reverse(self, count: int, *, stride: int) -> None:
         p2g, grid, _ = self._enter(self._forward)
         g2p_adjoint, grid_adjoint, p2g_adjoint = self._enter(self._adjoint)
-        for slot in reversed(range(count)):
-            if not stride:
-                _launch(p2g, {1: slot})
-                _launch(grid, {1: 0})
-            _launch(g2p_adjoint, {1: slot, 2: slot + 1, 3: slot * stride})
-            _launch(grid_adjoint, {0: slot * stride})
-            _launch(p2g_adjoint, {1: slot})
+        with _torch_stream(self.view.states.device):
+            for slot in reversed(range(count)):
+                if not stride:
+                    _launch(p2g, {1: slot})
+                    _launch(grid, {1: 0})
+                _launch(g2p_adjoint, {1: slot, 2: slot + 1, 3: slot * stride})
+                _launch(grid_adjoint, {0: slot * stride})
+                _launch(p2g_adjoint, {1: slot})
 
     def _enter(self, launches: list[wp.Launch]) -> list[wp.Launch]:
         """Set the present box; the middle launch runs over nodes."""
@@ -124,6 +128,13 @@ class Parallel:
             v.launch(k.grid_adjoint, v.nodes, [0, s.drag, velocity, velocity_bar, momentum_bar, s.see(s.drag_bar)]),
             v.launch(k.p2g_adjoint, count, [v.lattice, 0, states, s.material, momentum_bar, s.bar, s.material_bar]),
         ]
+
+
+def _torch_stream(device: torch.device) -> AbstractContextManager[Any]:
+    """Launch where torch's copies are queued, so that neither waits for the other."""
+    if device.type != "cuda":
+        return nullcontext()
+    return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(device)), sync_enter=False)
 
 
 def _launch(command: wp.Launch, arguments: dict[int, int]) -> None:
