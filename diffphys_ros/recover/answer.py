@@ -9,9 +9,9 @@ import numpy as np
 from ..fields import Layout, footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..types import Particles, Recovery
-from .curvature import linear_coordinates
 from .forward import Discretisation
 from .images import Renderer
+from .linear import linear_coordinates
 from .objective import Terms
 from .prepare import Prepared
 

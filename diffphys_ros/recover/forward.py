@@ -9,10 +9,11 @@ import numpy as np
 import torch
 
 from ..fields import Layout, Unknowns, footprint_weights
-from ..modes import apparent_stiffness
 from ..particles import fill, fit_grid
 from ..simulate import ModalDamping, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
+from .calibrate import measure_apparent, motion_share
+from .linear import linear_coordinates
 from .plan import Plan
 from .prepare import Prepared
 
@@ -47,7 +48,7 @@ class Discretisation:
     sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
 
 
-def discretise(prepared: Prepared, plan: Plan) -> Discretisation:
+def discretise(prepared: Prepared, plan: Plan, *, device: str) -> Discretisation:
     """Particles and grid of a plan, and the lattice's apparent stiffness on this very body."""
     body, modal, young = prepared.body, prepared.modal, prepared.start.young
     particles = fill(body, plan.dx, plan.per_cell)
@@ -56,8 +57,15 @@ def discretise(prepared: Prepared, plan: Plan) -> Discretisation:
     value, gradient = modal.evaluate(particles.x_rest)
     value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
     sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
-    apparent = apparent_stiffness(particles, grid, body, young, modal) if body.clamped else 1.0
-    return Discretisation(particles, grid, apparent, value, gradient, sag)
+    return Discretisation(particles, grid, _apparent(prepared, particles, grid, device), value, gradient, sag)
+
+
+def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str) -> float:
+    body, start = prepared.body, prepared.start
+    if not body.clamped:
+        return 1.0
+    share = motion_share(prepared.modal, start.young, linear_coordinates(prepared))
+    return measure_apparent(particles, grid, body, prepared.modal, start.young, share, device=device).value
 
 
 def _largest_motion(prepared: Prepared) -> float:

@@ -44,7 +44,7 @@ class Prior:
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         adjacent = np.diff(layout.forced) == 1
         difference = np.diff(np.eye(count), axis=0)[adjacent]
-        per_frame = (cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference) / layout.frames
+        per_frame = cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference
         stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]

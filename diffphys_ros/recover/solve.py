@@ -14,9 +14,10 @@ from ..fields import Layout
 from ..types import Recovery, Splats
 from .answer import assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint
-from .curvature import linear_displacement, track_hessian
+from .curvature import track_hessian
 from .forward import Discretisation, ForwardModel, discretise
 from .images import ImageTerm, Renderer
+from .linear import linear_displacement
 from .minimise import Iterate, begin, minimise
 from .objective import Objective, Prior, Terms
 from .observations import TrackTarget, acceleration_scale
@@ -28,6 +29,8 @@ INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
 IMAGE_CURVATURE = 7.0  # of the image term over the track term's, along the same motion: images are lost after a few pixels, tracks are
 # not. Only the first guess of the Hessian rests on it
+POOR = 0.08  # loss per track weight at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
+SCAN = np.linspace(-0.5, 0.5, 11)  # of log E
 LONGEST_STEP = 0.4  # of log E in one iteration
 
 
@@ -58,7 +61,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings) 
     """Grid, unknowns, loss and its curvature."""
     clip, body, device = prepared.clip, prepared.body, pick_device(settings)
     plan = make_plan(body, prepared.start.young, frames=len(clip) - 1, period_s=clip.period_s, settings=settings, device=device)
-    disc = discretise(prepared, plan)
+    disc = discretise(prepared, plan, device=device)
     start = scaled_start(prepared.start, settings.fit.start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
@@ -110,7 +113,7 @@ def solve(
 def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator[Progress, None, Iterate]:
     iterations, budget_s = problem.plan.iterations, problem.settings.fit.time_budget_s
     fixed = problem.settings.fit.iterations > 0
-    state = _first(problem, checkpoint)
+    state = yield from _first(problem, checkpoint)
     yield _news(problem, state, iterations, None)
     try:
         while state.iteration < iterations and not state.finished:
@@ -127,12 +130,30 @@ def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator
     return state
 
 
-def _first(problem: Problem, checkpoint: Checkpoint) -> Iterate:
+def _first(problem: Problem, checkpoint: Checkpoint) -> Generator[Progress, None, Iterate]:
     stored = checkpoint.load(problem.layout.size)
-    if stored is None:
-        return begin(problem.objective, problem.layout.start, problem.hessian)
-    problem.forward.ensure_substeps(stored[0].z)
-    return stored[0]
+    if stored is not None:
+        problem.forward.capture(stored[1])
+        return stored[0]
+    state = begin(problem.objective, problem.layout.start, problem.hessian)
+    if state.value < POOR * problem.settings.fit.track_weight:
+        return state
+    yield Progress("fit", text=f"the start misses the motion (loss {state.value:.3g}): trying other moduli")
+    found = _best_scale(problem, state.z)
+    problem.forward.ensure_substeps(found)
+    return begin(problem.objective, found, problem.hessian)
+
+
+def _best_scale(problem: Problem, z: np.ndarray) -> np.ndarray:
+    """z with all moduli times the factor that explains the motion best. A start whose phase runs off by half a swing lies in
+    another valley than the answer, where no gradient leads out; a scan over one number does."""
+    parts, best = slice(0, problem.layout.parts), (np.inf, z)
+    for shift in SCAN:
+        trial = z.copy()
+        trial[parts] += min(shift, _room(problem, z).min())
+        with torch.no_grad():
+            best = min(best, (problem.objective(trial).value, trial), key=lambda pair: pair[0])
+    return best[1]
 
 
 def _recapture(problem: Problem, state: Iterate) -> Iterate:
@@ -147,13 +168,16 @@ def _limit(problem: Problem, z: np.ndarray, step: np.ndarray) -> float:
     """Share of a step that keeps log E within reach: LONGEST_STEP, and what fit.max_substeps can carry."""
     parts = slice(0, problem.layout.parts)
     share = min(1.0, LONGEST_STEP / max(np.abs(step[parts]).max(), 1e-12))
-    ratio = problem.settings.fit.max_substeps / problem.forward.simulator.substeps
-    most = problem.forward.simulator.max_young() * ratio**2
-    room = np.log(most / problem.layout.young_of(z))
-    for rise, left in zip(step[parts] * share, room, strict=True):
+    for rise, left in zip(step[parts] * share, _room(problem, z), strict=True):
         if rise > left:
             share *= max(left, 0.0) / rise
     return share
+
+
+def _room(problem: Problem, z: np.ndarray) -> np.ndarray:
+    """How far log E per part may still rise (n,) before fit.max_substeps no longer carry it."""
+    ratio = problem.settings.fit.max_substeps / problem.forward.simulator.substeps
+    return np.log(problem.forward.simulator.max_young() * ratio**2 / problem.layout.young_of(z))
 
 
 def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float | None) -> Progress:

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from diffphys_ros.config import build
-from diffphys_ros.recover.curvature import linear_displacement, track_hessian
+from diffphys_ros.recover.curvature import track_hessian
+from diffphys_ros.recover.linear import linear_displacement
 from diffphys_ros.recover.observations import TrackTarget, acceleration_scale
 from diffphys_ros.recover.solve import pose_problem
 

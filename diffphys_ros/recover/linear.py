@@ -1,0 +1,29 @@
+"""The start values' linear motion, by the modal model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fields import footprint_weights
+from .prepare import Prepared
+
+
+def linear_coordinates(prepared: Prepared) -> np.ndarray:
+    """Modal coordinates (T, r) of the start values' linear motion."""
+    start, modal = prepared.start, prepared.modal
+    load = modal.footprint_load(lambda x: footprint_weights(start.force_family, x, start.footprint))
+    return modal.respond(
+        start.young,
+        mass_damping=start.mass_damping,
+        stiffness_damping=start.stiffness_damping,
+        load=start.force @ load.T,
+        period_s=prepared.clip.period_s,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+    )
+
+
+def linear_displacement(prepared: Prepared, points: np.ndarray) -> np.ndarray:
+    """Displacements (T, M, 3) [m, body frame] from frame 0 of body points (M, 3), by the start values' linear motion."""
+    q = linear_coordinates(prepared)
+    return np.einsum("mcr,tr->tmc", prepared.modal.evaluate(points)[0], q - q[:1])
