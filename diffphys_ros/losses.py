@@ -67,13 +67,6 @@ def depth_loss(rendered: torch.Tensor, observed: torch.Tensor, mask: torch.Tenso
     return 2 * scale_m**2 * (torch.sqrt(1 + (error / scale_m) ** 2) - 1).sum() / known.sum().clamp_min(1)
 
 
-def track_loss(displacement: torch.Tensor, observed: torch.Tensor, valid: torch.Tensor, *, scale_m: float) -> torch.Tensor:
-    """Half the mean squared distance of displacements (..., D) [m] to observed ones, in units of scale_m, over valid (...)
-    tracks; 0 where none is."""
-    squared = torch.where(valid[..., None], displacement - observed, 0.0).square().sum()
-    return 0.5 * squared / (valid.sum().clamp_min(1) * scale_m**2)
-
-
 def psnr_masked(rendered: Image, observed: Image, mask: Image) -> float:
     """Peak signal-to-noise ratio [dB] over the object's pixels, at most 100. Raises InputError for an empty mask."""
     error = masked_l2(_unit(rendered), _unit(observed), _mask(mask))

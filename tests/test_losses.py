@@ -99,13 +99,6 @@ def test_depth_loss_ignores_unknown_depths(mask):
     assert bool(torch.isfinite(rendered.grad).all())
 
 
-def test_track_loss_counts_valid_tracks_in_units_of_the_scale():
-    observed = torch.zeros(2, 2, 3)
-    moved = torch.tensor([[[3.0, 0, 4.0], [9, 9, 9]], [[0, 0, 0], [torch.nan, 0, 0]]])
-    valid = torch.tensor([[True, False], [True, False]])
-    assert float(losses.track_loss(moved, observed, valid, scale_m=5.0)) == pytest.approx(0.25)
-
-
 def test_psnr_of_a_known_offset(mask):
     observed = np.full((H, W, 3), 100, np.uint8)
     rendered = np.where(mask.numpy()[..., None], observed + 51, 7).astype(np.uint8)

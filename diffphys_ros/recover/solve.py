@@ -57,8 +57,8 @@ def pick_device(settings: Settings) -> str:
     return "cuda:0" if torch.cuda.is_available() else "cpu"
 
 
-def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings) -> Problem:
-    """Grid, unknowns, loss and its curvature."""
+def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32) -> Problem:
+    """Grid, unknowns, loss and its curvature; `dtype` of the simulation."""
     clip, body, device = prepared.clip, prepared.body, pick_device(settings)
     plan = make_plan(body, prepared.start.young, frames=len(clip) - 1, period_s=clip.period_s, settings=settings, device=device)
     disc = discretise(prepared, plan, device=device)
@@ -66,7 +66,6 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings) 
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
-    dtype = torch.float32
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype)
     renderer = None if splats is None else Renderer.of(prepared, disc, splats, device=device)

@@ -79,7 +79,7 @@ def make_tracks(body: Body, modal, start: StartValues, has_depth=True) -> Tracks
 def make_prepared(gravity=(0.0, 0.0, 0.0), has_depth=True) -> Prepared:
     """Everything that the solver needs, without images."""
     body = make_body(gravity)
-    modal = modal_model(Elements.of(body), [YOUNG, YOUNG * [1, 2], YOUNG * [1, 0.5]], 6)
+    modal = modal_model(Elements.of(body), [YOUNG, YOUNG * [1, 2], YOUNG * [1, 0.5]], [6, 6, 6])
     start = make_start(body, modal)
     camera = make_camera()
     clip = Clip(np.zeros((FRAMES, 120, 160, 3), np.uint8), 0, PERIOD_S, camera, source="synthetic")

@@ -29,8 +29,8 @@ def test_settings_overrule_the_choice():
 def test_the_bound_on_substeps_limits_the_stiffness_not_the_time_step():
     with pytest.raises(InputError, match=r"fit.max_substeps 5: .* raise it to"):
         plan(**{"fit.max_substeps": 5})
-    bounded = plan(**{"fit.max_substeps": 40})
-    assert bounded.substeps <= 40
+    bounded = plan(**{"fit.max_substeps": 60})
+    assert bounded.substeps <= 60
 
 
 def test_substeps_follow_the_courant_number_of_one_half_at_the_margin():

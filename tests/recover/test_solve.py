@@ -1,0 +1,143 @@
+"""The whole solver on a bar whose answer is known, without images."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diffphys_ros.config import build, flat
+from diffphys_ros.errors import InputError
+from diffphys_ros.recover import Checkpoint, solve
+from diffphys_ros.recover.calibrate import measure_apparent, motion_share
+from diffphys_ros.particles import fill, fit_grid
+
+from .conftest import YOUNG, make_body
+
+
+def drive(steps):
+    """All news and the returned value of a generator."""
+    news = []
+    while True:
+        try:
+            news.append(next(steps))
+        except StopIteration as stop:
+            return news, stop.value
+
+
+@pytest.fixture(scope="module")
+def answer(prepared, quick_settings):
+    return drive(solve(prepared, None, quick_settings))
+
+
+def test_start_values_at_the_truth_stay_there(answer):
+    _, recovery = answer
+    young = np.array([np.median(recovery.young[recovery.part == p]) for p in (1, 2)])
+    np.testing.assert_allclose(young, YOUNG, rtol=0.06)
+    assert recovery.metrics["track_rms_refined_m"] < 4e-4
+
+
+def test_the_correction_of_the_grid_is_applied_once(answer):
+    _, recovery = answer
+    np.testing.assert_allclose(recovery.young, recovery.young_solver * recovery.metrics["apparent_stiffness"], rtol=1e-12)
+
+
+def test_the_loss_falls_and_progress_says_what_is_left(answer):
+    news, recovery = answer
+    fits = [n for n in news if n.stage == "fit"]
+    assert [n.iteration for n in fits] == list(range(len(fits)))
+    assert fits[-1].loss <= fits[0].loss
+    assert all(n.seconds_left is not None for n in fits[1:])
+    assert recovery.metrics["loss_history"] == [n.loss for n in fits]
+
+
+def test_the_net_force_is_the_density_times_the_volume(prepared, answer):
+    _, recovery = answer
+    whole = recovery.force[:, 0].astype(float) * recovery.volume.sum()
+    np.testing.assert_allclose(recovery.net_force(), whole, rtol=1e-5, atol=1e-9)
+    assert recovery.volume.sum() == pytest.approx(prepared.body.volume_m3, rel=1e-6)
+
+
+def test_the_fields_have_one_row_per_particle_and_frame(prepared, answer):
+    _, recovery = answer
+    frames, count = len(prepared.clip), len(recovery.points)
+    assert recovery.force.shape == recovery.trajectory.shape == (frames, count, 3)
+    np.testing.assert_allclose(recovery.trajectory[0], recovery.points, atol=1e-6)
+    assert not recovery.force[~prepared.start.forced].any()
+
+
+def test_two_runs_are_equal_to_the_bit(prepared, quick_settings, answer):
+    _, again = drive(solve(prepared, None, quick_settings))
+    for name in ("young", "force", "trajectory", "initial_velocity"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(answer[1], name))
+
+
+def test_an_interrupted_fit_resumes_where_it_was(prepared, quick_settings, answer, tmp_path):
+    steps = solve(prepared, None, quick_settings, checkpoint=Checkpoint(tmp_path / "c.npz", every_s=1e9))
+    while next(steps).iteration < 2:
+        pass
+    steps.close()
+    _, resumed = drive(solve(prepared, None, quick_settings, checkpoint=Checkpoint(tmp_path / "c.npz", resume=True)))
+    np.testing.assert_array_equal(resumed.young, answer[1].young)
+    np.testing.assert_array_equal(resumed.force, answer[1].force)
+    assert resumed.metrics["loss_history"] == answer[1].metrics["loss_history"]
+
+
+def test_a_checkpoint_of_another_job_is_refused(prepared, quick_settings, tmp_path):
+    steps = solve(prepared, None, quick_settings, checkpoint=Checkpoint(tmp_path / "c.npz", every_s=1e9))
+    while next(steps).iteration < 1:
+        pass
+    steps.close()
+    other = build(flat(quick_settings) | {"fit.track_weight": 2.0})
+    with pytest.raises(InputError, match="belongs to another clip or other settings"):
+        drive(solve(prepared, None, other, checkpoint=Checkpoint(tmp_path / "c.npz", resume=True)))
+    with pytest.raises(InputError, match="there is none to resume from"):
+        drive(solve(prepared, None, other, checkpoint=Checkpoint(tmp_path / "none.npz", resume=True)))
+
+
+def test_a_solver_begun_far_off_the_start_values_comes_back(prepared, quick_settings):
+    settings = build(flat(quick_settings) | {"fit.start_scale": 1.4, "fit.iterations": 6})
+    _, recovery = drive(solve(prepared, None, settings))
+    young = np.array([np.median(recovery.young[recovery.part == p]) for p in (1, 2)])
+    np.testing.assert_allclose(young, YOUNG, rtol=0.08)
+
+
+def test_where_the_simulation_misses_the_track_noise_the_start_values_are_the_result(prepared, quick_settings):
+    strict = dataclasses.replace(prepared, tracks=dataclasses.replace(prepared.tracks, noise_m=1e-7))
+    _, recovery = drive(solve(strict, None, quick_settings))
+    assert recovery.metrics["refined"] is False
+    for part, young in enumerate(YOUNG, 1):
+        np.testing.assert_array_equal(recovery.young[recovery.part == part], young)
+
+
+def test_an_unknown_initial_motion_is_recovered(prepared):
+    """A bar released from a bent shape, no force at all."""
+    modal, body, clip = prepared.modal, prepared.body, prepared.clip
+    a = np.zeros(modal.modes)
+    a[0] = 0.012 / np.abs(modal.evaluate(body.to_body(prepared.tracks.points[0]))[0][..., 0]).max()
+    frames = len(clip)
+    still = np.zeros((frames, 3))
+    q = modal.respond(YOUNG, mass_damping=0.2, stiffness_damping=1e-3, load=still @ np.zeros((3, modal.modes)), period_s=clip.period_s, initial_displacement=a)
+    points0 = prepared.tracks.points[0]
+    points = points0 + np.einsum("mcr,tr->tmc", modal.evaluate(points0)[0], q - q[:1])
+    tracks = dataclasses.replace(prepared.tracks, points=points)
+    start = dataclasses.replace(prepared.start, forced=np.zeros(frames, bool), force=still, initial_displacement=0.8 * a)
+    settings = build({"particles.cells": 3, "particles.per_cell": 1.5, "fit.iterations": 4})
+    _, recovery = drive(solve(dataclasses.replace(prepared, tracks=tracks, start=start), None, settings))
+    assert recovery.metrics["track_rms_refined_m"] < 0.1 * np.sqrt(((points - points[:1]) ** 2).mean())
+
+
+@pytest.mark.parametrize("per_cell", [1.5, 2.0])
+def test_the_grid_is_measured_soft_and_the_softness_fades_with_refinement(prepared, per_cell):
+    body = make_body()
+    ratio = []
+    for cells in (3, 5):
+        particles = fill(body, 0.1 / cells, per_cell)
+        grid = fit_grid(particles, dx=0.1 / cells, reach_m=0.02, clamped=True)
+        ratio.append(measure_apparent(particles, grid, body, prepared.modal, YOUNG, np.array([1.0])).value)
+    assert 0.85 < ratio[0] < ratio[1] < 1.0
+
+
+def test_the_share_of_a_mode_is_its_part_of_the_motion(prepared):
+    _, shapes = np.linalg.eigh(prepared.modal.elastic(YOUNG))
+    swing = np.outer(np.sin(np.arange(20.0)), shapes[:, 0]) + 0.5 * np.outer(np.sin(np.arange(20.0)), shapes[:, 1])
+    np.testing.assert_allclose(motion_share(prepared.modal, YOUNG, swing), [0.8, 0.2], atol=1e-9)
