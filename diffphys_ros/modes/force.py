@@ -14,7 +14,7 @@ from .response import Step
 from .tail import Physics, differences, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
-FORCE_STEP_SD = 0.7  # of the change from frame to frame, same unit
+FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit
 AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest
 GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
@@ -79,7 +79,8 @@ class ForceProblem:
             speed = np.sqrt(np.maximum(omega2[:INITIAL_MODES], 1.0))
             unit = np.stack([np.full(len(speed), self.motion_unit), self.motion_unit * speed])
             blocks.append(np.einsum("dk,tjk,jk->tdjk", seen[:, :INITIAL_MODES], released, unit).reshape(count, seen.shape[0], -1))
-        matrix = np.concatenate(blocks, 2)[self.known].reshape(-1, sum(b.shape[2] for b in blocks)) / self.sigma_m
+        columns = np.concatenate(blocks, 2)
+        matrix = np.vstack(columns[self.known]) / self.sigma_m
         calm = _calming(len(frames), matrix.shape[1])
         target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
         full = np.vstack([matrix, calm])
@@ -106,7 +107,9 @@ class ForceProblem:
 
     def edges(self, physics: Physics) -> tuple[int, int]:
         """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""
-        found = []
+        found: list[int] = []
+        if not self.allowed.any():
+            return 0, 0
         for shift in (-1, 1):
             problem, best, count = self, self.solve(physics, self.uniform_load), 0
             while count < MOST_EDGE:

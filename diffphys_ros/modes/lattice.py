@@ -43,7 +43,11 @@ def apparent_stiffness(particles: Particles, grid: Grid, body: Body, young: np.n
 
 
 class Lattice:
-    """Matrices of the grid that carries the particles, over its F free nodes."""
+    """Matrices of the grid that carries the particles, over its F free nodes.
+
+    Attributes:
+        node_indices: of the free nodes, (F, 3).
+    """
 
     def __init__(self, particles: Particles, grid: Grid):
         relative = (particles.x_rest - grid.origin) / grid.dx
@@ -57,6 +61,7 @@ class Lattice:
         clamped[column[held]] = True
         self._particles = particles
         self._free = np.flatnonzero(~clamped)
+        self.node_indices = np.stack(np.unravel_index(touched[self._free], grid.size), 1)
         arm = (nodes - relative[:, None]) * (4 / grid.dx)  # 4/dx^2 (x_i - x_p)
         self._value = self._matrix(weights, column, len(touched))
         self._slope = [self._matrix(weights * arm[..., a], column, len(touched)) for a in range(3)]

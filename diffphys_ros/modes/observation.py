@@ -1,4 +1,4 @@
-"""What the tracks say about the motion: a few leading coordinates over time and their shapes. numpy only."""
+"""What the tracks say about the motion: a few leading coordinates over time and their shapes. numpy and scipy only."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..types import Body, Camera, Tracks
 from .model import ModalModel
@@ -16,6 +17,7 @@ LEAST_SEEN = 0.4  # of the frames in which a track must hold
 LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates
 ROBUST_ROUNDS, OUTLIER = 4, 4.0
+NEIGHBOURS = 5  # that stand in for a point that was lost in a frame
 FARTHEST = 3.0  # displacements beyond this many times a frame's 95th percentile are no part of the body
 WILD = 6.0  # misfits of single track positions beyond this many times the median are left out
 COHERENT_SHARE = 0.5  # of the track noise that is common to all points
@@ -92,7 +94,7 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     known = tracks.valid.mean(1) > 0.05
     known[0] = True
     valid = _plausible(displacement, tracks.valid, tracks.noise_m)
-    principal = _principal(displacement, valid, known)
+    principal = _principal(points[0], displacement, valid, known)
     principal = principal - principal[:1]
     q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
     shapes, misfit = _regress(q, displacement, valid)
@@ -121,25 +123,36 @@ def _across(points: np.ndarray, eye: np.ndarray | None) -> np.ndarray:
     return np.eye(3) - sight[:, :, None] * sight[:, None, :]
 
 
-def _principal(displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _principal(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Principal coordinates (T, k) [m, root mean square over the points] of the points that are seen nearly always."""
     share = valid[known].mean(0)
     steady = share >= min(STEADY_SHARE, np.sort(share)[-min(STEADY_POINTS, len(share))])
-    filled = np.stack([_bridged(displacement[:, m], valid[:, m] & known) for m in np.flatnonzero(steady)], 1)
-    flat = filled.reshape(len(filled), -1).copy()
+    filled = _from_neighbours(points, displacement, valid & known[:, None])[:, steady]
+    flat = filled.reshape(len(filled), -1)
     for _ in range(ROBUST_ROUNDS):
         u, s, vt = np.linalg.svd(flat, full_matrices=False)
         smooth = (u[:, :CANDIDATES] * s[:CANDIDATES]) @ vt[:CANDIDATES]
-        error = np.linalg.norm((filled - smooth.reshape(filled.shape)), axis=2)
-        wild = np.repeat(error > OUTLIER * np.median(error[error > 0]) if (error > 0).any() else error > 0, 3, 1)
+        error = np.linalg.norm(filled - smooth.reshape(filled.shape), axis=2)
+        wild = np.repeat(error > OUTLIER * np.median(error) + 1e-12, 3, 1)
         flat = np.where(wild, smooth, filled.reshape(flat.shape))
     return u[:, :CANDIDATES] * s[:CANDIDATES] / np.sqrt(filled.shape[1])
 
 
-def _bridged(track: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """A track (T, 3) with gaps filled by linear interpolation in time."""
-    frames = np.arange(len(track))
-    return np.stack([np.interp(frames, frames[valid], track[valid, c]) for c in range(3)], 1)
+def _from_neighbours(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Displacements (T, M, 3) with those that are not valid taken from the nearest points that are; a frame in which nothing
+    was seen lies between its neighbours in time."""
+    filled, some = displacement.copy(), valid.any(1)
+    for t in np.flatnonzero(some & ~valid.all(1)):
+        distance, near = cKDTree(points[valid[t]]).query(points[~valid[t]], k=min(NEIGHBOURS, int(valid[t].sum())))
+        weight = 1 / np.maximum(distance.reshape(len(near), -1), 1e-9)
+        weight /= weight.sum(1, keepdims=True)
+        filled[t, ~valid[t]] = np.einsum("mk,mkc->mc", weight, displacement[t, valid[t]][near.reshape(weight.shape)])
+    frames = np.arange(len(filled))
+    for t in np.flatnonzero(~some):
+        before, after = frames[some & (frames < t)][-1], frames[some & (frames > t)][:1]
+        share = (t - before) / (after[0] - before) if len(after) else 0.0
+        filled[t] = filled[before] + share * (filled[after[0] if len(after) else before] - filled[before])
+    return filled
 
 
 def _products(q: np.ndarray) -> np.ndarray:

@@ -56,7 +56,7 @@ def start_values(
 
     say = report or (lambda text: None)
     motion = observe(body, tracks, camera)
-    support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.coherent_m)
+    support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.noise_m)
     if motion.size_m < STILL * motion.noise_m:
         support = replace(support, has_free_tail=False)
     say(_describe(support))

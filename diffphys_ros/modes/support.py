@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+COMMON_SHARE = 0.2  # of the track noise that is common to all points, at the least
+CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little
 FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force
 LATE_SIGMA = 6.0  # the same well inside the tail, where only a strong misfit counts
 TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail
@@ -17,6 +19,7 @@ LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS = 8, 0.7
 FAINT_SIGMA = 2.0  # misfit down to which a run of forced frames is followed to its ends
 BRIDGE = 4  # free frames between forced ones that are taken as a zero crossing of the force
 HIGHEST = 0.9  # of the Nyquist frequency: faster oscillations of the recursion are noise
+GLITCH_ROWS = 3  # equations that one wrong frame spoils
 WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail
 
 
@@ -56,24 +59,26 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     """Forced frames and frequencies of coordinates (T, n) [m]. Frames with known = False are stepped over.
 
     at_rest: frame 0 is an equilibrium, so that the oscillation is about zero; otherwise its centre is free.
-    noise_m: standard deviation of a coordinate [m], a floor of the misfit that tells of a force.
+    noise_m: standard deviation of one coordinate of one track [m]; a share of it is the floor of the misfit that tells of a force.
     """
     rows = _Rows.of(coordinates, known, at_rest)
     start = _tail_start(rows)
     if start is None:
         return Support(np.ones(len(coordinates), bool), False, np.zeros(0), np.zeros(0), 0.0)
     keep = rows.usable & (np.arange(len(rows.target)) >= start)
-    floor = noise_m * np.sqrt(6.0)  # of q[k+2] - 2 q[k+1] + q[k]
+    second = np.diff(coordinates[known], 2, axis=0)  # six times the noise variance; what the recursion has to explain
+    floor = np.hypot(COMMON_SHARE * noise_m * np.sqrt(6.0), CURVED_SHARE * np.sqrt((second**2).mean()))
     for _ in range(6):
         matrix = rows.fit(keep)
         misfit = rows.misfit(matrix)
-        sigma = max(float(np.sqrt((misfit[keep] ** 2).mean())), floor * np.sqrt(coordinates.shape[1]))
+        sigma = max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(coordinates.shape[1]))
         keep = rows.usable & (misfit < FORCED_SIGMA * sigma)
         keep[start + 4 :] |= rows.usable[start + 4 :] & (misfit[start + 4 :] < LATE_SIGMA * sigma)
-    forced = _frames(_followed(rows.usable & ~keep, rows.usable & (misfit > FAINT_SIGMA * sigma)), len(coordinates))
+    glitch = _glitches(rows.usable & ~keep, rows.target - rows.source @ matrix)
+    forced = _frames(_followed(rows.usable & ~keep & ~glitch, rows.usable & (misfit > FAINT_SIGMA * sigma) & ~glitch), len(coordinates))
     tail = np.flatnonzero(forced)[-1] + 2 if forced.any() else 0
     frequencies, decays = _oscillation(matrix, coordinates[tail:], period_s)
-    sigma_one = sigma / np.sqrt(coordinates.shape[1])
+    sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
     return Support(forced, _is_free(coordinates[tail:], frequencies, sigma_one, period_s), frequencies, decays, sigma_one)
 
 
@@ -117,6 +122,16 @@ def _tail_start(rows: _Rows) -> int | None:
         if spread[index] > TAIL_RISE * level and index < len(starts) - 3:
             return starts[index + 1]
     return starts[0]
+
+
+def _glitches(forced_rows: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Short runs whose residuals change sign from row to row: a frame that was seen wrongly, not pushed."""
+    found = np.zeros_like(forced_rows)
+    for first, last in _runs(forced_rows):
+        run = residual[first : last + 1]
+        if len(run) <= GLITCH_ROWS and ((run[1:] * run[:-1]).sum(1) < 0).all():
+            found[first : last + 1] = True
+    return found
 
 
 def _followed(strong: np.ndarray, faint: np.ndarray) -> np.ndarray:
