@@ -16,7 +16,7 @@ import numpy as np
 SHRINK = 0.3  # of a rejected step
 TRIES = 4  # steps of decreasing length before the search gives up
 ARMIJO = 1e-4
-FLAT = 1e-3  # relative decrease that counts as no progress
+FLAT = 5e-3  # relative decrease that counts as no progress
 
 
 class Evaluation(Protocol):

@@ -16,8 +16,8 @@ from ..simulate import substeps_per_frame
 from ..types import Body
 
 # seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
-RATES = {"cpu": (2.2e-6, 0.08), "cuda": (3.0e-8, 0.004)}
-LEAST_SUBSTEP_S = {"cpu": 6e-5, "cuda": 2.5e-4}  # launches, however few the particles
+RATES = {"cpu": (8e-7, 0.06), "cuda": (3.0e-8, 0.004)}
+LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 2.5e-4}  # launches, however few the particles
 GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
