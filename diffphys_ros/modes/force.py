@@ -125,6 +125,7 @@ class ForceProblem:
     def best_footprint(self, physics: Physics) -> tuple[str, np.ndarray]:
         """Name and parameters of spatial family: uniform, or a Gaussian footprint where that explains the motion clearly better."""
         uniform = self.solve(physics, self.uniform_load).cost
+        needed = min(GAUSSIAN_GAIN * uniform, uniform - self.known.sum())  # and by more than sigma^2 a frame
         low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
         length = (high - low).max()
 
@@ -134,11 +135,11 @@ class ForceProblem:
 
         centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
         start = min((np.r_[c, np.log(w * length)] for c in centres for w in WIDTHS), key=cost)
-        if cost(start) > 0.5 * (1 + GAUSSIAN_GAIN) * uniform:
+        if cost(start) > 0.5 * (needed + uniform):
             return "uniform", np.zeros(0)
         simplex = start + np.vstack([np.zeros(3), np.diag([0.06 * length, 0.06 * length, 0.25])])
         found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxiter": 80, "xatol": 1e-3 * length, "fatol": 1e-3}).x
-        if cost(found) > GAUSSIAN_GAIN * uniform:
+        if cost(found) > needed:
             return "uniform", np.zeros(0)
         return "gaussian", np.r_[found[:2], np.exp(found[2])]
 
