@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import importlib
 import os
 import signal
@@ -11,6 +12,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 BAD_INPUT = 2
+CLEAN_UP_S = 8.0  # launch sends SIGTERM after 5 s and SIGKILL after 10
 SPIN_S = 0.1  # longest wait between two looks at the signal
 
 
@@ -67,6 +69,7 @@ def run(module: str, name: str) -> NoReturn:
         sys.excepthook(*sys.exc_info())
     finally:
         stop.deafen()
+        faulthandler.dump_traceback_later(CLEAN_UP_S, exit=True)  # a middleware that waits for a dead peer must not keep the process
         if node is not None:
             node.close()
             node.destroy_node()
