@@ -148,8 +148,8 @@ class _Fit:
         unit = max(float(acceleration), 1e-6) * mass / self.body.volume_m3
         allowed = self.support.allowed if self.support.has_free_tail else np.ones(len(q), bool)
         seen = Projection.of(self.motion, modal)
-        largest = self.motion.size_m / max(np.linalg.norm(seen.operator[:, 0]), 1e-12)
-        return ForceProblem(modal, seen, self.period_s, known, allowed, self.settings.scene.at_rest, sigma, unit, float(largest))
+        largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
+        return ForceProblem(modal, seen, self.period_s, known, allowed, self.settings.scene.at_rest, sigma, unit, largest)
 
     def values(self, physics: Physics, modal: ModalModel, family: str, footprint: np.ndarray) -> StartValues:
         """Force, spread and words for given physics; modal is tuned to them."""
