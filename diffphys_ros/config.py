@@ -117,7 +117,7 @@ class Fit:
     schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess", choices=("auto", "modes", "joint"))
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)
-    image_weight: float = setting(0.2, "weight of the image term", low=0.0, high=1e3)
+    image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)
     ssim_weight: float = setting(0.2, "weight of 1 - SSIM beside the masked L2 (paper A.13)", low=0.0, high=1e3)
     track_weight: float = setting(1.0, "weight of the track term", low=0.0, high=1e3)
     depth_weight: float = setting(0.1, "weight of the depth term", low=0.0, high=1e3)

@@ -17,6 +17,7 @@ from .prepare import Prepared
 
 MARGIN_PX = 8  # of the rendered window around the object
 CHUNK = 8  # frames rendered at a time when no gradient is wanted
+TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
@@ -78,8 +79,12 @@ class Renderer:
 
 
 class ImageTerm:
-    """Masked L2 + SSIM (paper A.13) over chosen frames, 1 for the frozen first frame, and the depth misfit in the unit of the
-    track term: half its mean square over the mean squared motion."""
+    """Masked L2 + SSIM (paper A.13) and depth misfit over chosen frames, both in the unit of the track term: half a mean
+    squared misfit over the mean squared motion.
+
+    An image misfit becomes one of motion by the share of the frozen first frame's misfit that it has: near the optimum it grows
+    with the square of the displacement and is as large as the frozen frame's where the texture no longer overlaps, TEXTURE_PX away.
+    """
 
     def __init__(self, prepared: Prepared, renderer: Renderer, *, every: int, ssim_weight: float, with_depth: bool):
         clip = prepared.clip
@@ -98,6 +103,7 @@ class ImageTerm:
         if with_depth and clip.depth is not None:
             self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
         self.frozen = 1.0
+        self.overlap = min(1.0, TEXTURE_PX / _rms_motion_px(prepared)) ** 2
 
     def calibrate(self, x0: torch.Tensor) -> None:
         """Measure the image misfit of the frozen first frame: particles (P, 3) that never move."""
@@ -109,7 +115,7 @@ class ImageTerm:
     def __call__(self, motion: Motion, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
         """Image and depth term; `mean_square` of the observed motion [m^2]. The latter is 0 where the clip has no depth."""
         image, _, depth = self._rendered(motion.x[self.frames], motion.x[0], motion.F[self.frames])
-        return self._image(image) / self.frozen, self._depth(depth, mean_square)
+        return 0.5 * self.overlap * self._image(image) / self.frozen, self._depth(depth, mean_square)
 
     def _rendered(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, ...]:
         return self.renderer.render(x, x0, F, self.window)
@@ -123,3 +129,9 @@ class ImageTerm:
             return torch.zeros((), device=depth.device)
         near = (depth.detach() - self.depth).abs() < GROSS * mean_square**0.5
         return 0.5 * depth_loss(depth, self.depth, self.interior & near) / mean_square
+
+
+def _rms_motion_px(prepared: Prepared) -> float:
+    tracks = prepared.tracks
+    moved = (tracks.pixels - tracks.pixels[:1])[tracks.valid]
+    return max(float(np.sqrt((moved**2).sum(-1).mean())), 1e-3)

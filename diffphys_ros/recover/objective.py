@@ -31,7 +31,8 @@ class Prior:
 
     LOG_YOUNG = 2e-3  # log E one standard deviation of the start values away costs half of this: what the grid's own error
     # leaves as misfit, so that the fit does not pay with E for what the grid cannot follow
-    DAMPING, FORCE, SMOOTH, MOTION = 1e-5, 1e-4, 1e-3, 1e-6
+    DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
+    FORCE, SMOOTH, MOTION = 1e-4, 1e-3, 1e-6
 
     @classmethod
     def of(cls, layout: Layout, start: StartValues, *, start_scale: float) -> Prior:

@@ -27,11 +27,9 @@ from .progress import Progress
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
-IMAGE_CURVATURE = 7.0  # of the image term over the track term's, along the same motion: images are lost after a few pixels, tracks are
-# not. Only the first guess of the Hessian rests on it
 POOR = 0.08  # loss per track weight at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
 SCAN = np.linspace(-0.5, 0.5, 11)  # of log E
-LONGEST_STEP = 0.4  # of log E in one iteration
+LONGEST_STEP, LONGEST_DAMPING = 0.4, 1.0  # of log E, and of damping in its units, in one iteration
 
 
 @dataclass
@@ -75,7 +73,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
     prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale)
-    per_motion = weights.track_weight + (IMAGE_CURVATURE * weights.image_weight if images else 0.0)
+    per_motion = weights.track_weight + (weights.image_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
@@ -164,9 +162,10 @@ def _recapture(problem: Problem, state: Iterate) -> Iterate:
 
 
 def _limit(problem: Problem, z: np.ndarray, step: np.ndarray) -> float:
-    """Share of a step that keeps log E within reach: LONGEST_STEP, and what fit.max_substeps can carry."""
+    """Share of a step that keeps log E and damping within reach: LONGEST_STEP, and what fit.max_substeps can carry."""
     parts = slice(0, problem.layout.parts)
-    share = min(1.0, LONGEST_STEP / max(np.abs(step[parts]).max(), 1e-12))
+    longest = np.array([*[LONGEST_STEP] * parts.stop, LONGEST_DAMPING, LONGEST_DAMPING])
+    share = min(1.0, float((longest / np.maximum(np.abs(step[: len(longest)]), 1e-12)).min()))
     for rise, left in zip(step[parts] * share, _room(problem, z), strict=True):
         if rise > left:
             share *= max(left, 0.0) / rise
