@@ -63,35 +63,49 @@ class ForceProblem:
 
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
-        force_unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
         omega2, shapes = self.modal.eigen(physics.young)
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
         step = Step.of(omega2, 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2), self.period_s)
-        seen, frames, count = self.seen.operator @ shapes, np.flatnonzero(self.allowed), len(self.known)
-        echo = np.einsum("dk,tk,kc->tdc", seen, step.pulse(count), shapes.T @ footprint, optimize=True) * force_unit
-        design = np.zeros((count, seen.shape[0], len(frames), 3))
+        seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
+        unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
+        initial_unit = self._initial_unit(omega2)
+        design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
+        unknown, residual = self._least_squares(design, len(frames))
+        force, split = np.zeros((len(self.known), 3)), 3 * len(frames)
+        force[frames] = unknown[:split].reshape(-1, 3) * unit
+        start = initial_unit * unknown[split:].reshape(initial_unit.shape)
+        displacement, velocity = start @ shapes[:, : start.shape[1]].T
+        return Solution(float(residual @ residual), force, displacement, velocity, residual)
+
+    def _forced(self, step: Step, seen: np.ndarray, load: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        """Observed motion (T, d, 3 F) per unit amplitude in each of the frames (F,); load (r, 3) on the eigenmodes."""
+        count = len(self.known)
+        echo = np.einsum("dk,tk,kc->tdc", seen, step.pulse(count), load, optimize=True)
+        design = np.zeros((count, len(seen), len(frames), 3))
         for i, k in enumerate(frames):
             design[k:, :, i] = echo[: count - k]
-        blocks = [design.reshape(count, seen.shape[0], -1)]
-        if not self.at_rest:
-            released = step.released(count)[:, :, :INITIAL_MODES]
-            released[:, 0] -= 1.0  # displacements are measured from frame 0
-            speed = np.sqrt(np.maximum(omega2[:INITIAL_MODES], 1.0))
-            unit = np.stack([np.full(len(speed), self.motion_unit), self.motion_unit * speed])
-            blocks.append(np.einsum("dk,tjk,jk->tdjk", seen[:, :INITIAL_MODES], released, unit).reshape(count, seen.shape[0], -1))
-        columns = np.concatenate(blocks, 2)
-        matrix = np.vstack(columns[self.known]) / self.sigma_m
-        calm = _calming(len(frames), matrix.shape[1])
+        return design.reshape(count, len(seen), -1)
+
+    def _initial_unit(self, omega2: np.ndarray) -> np.ndarray:
+        """Units of the unknown initial displacements and rates, (2, m); m = 0 at rest."""
+        speed = np.sqrt(np.maximum(omega2[: 0 if self.at_rest else INITIAL_MODES], 1.0))
+        return self.motion_unit * np.stack([np.ones_like(speed), speed])
+
+    def _released(self, step: Step, seen: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """Observed motion (T, d, 2 m) per unit of initial displacement and rate; displacements are measured from frame 0."""
+        count, modes = len(self.known), unit.shape[1]
+        history = step.released(count)[:, :, :modes]
+        history[:, 0] -= 1.0
+        return np.einsum("dk,tjk,jk->tdjk", seen[:, :modes], history, unit).reshape(count, len(seen), 2 * modes)
+
+    def _least_squares(self, design: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (u,) of the design (T, d, u), and the residuals over sigma followed by those of the priors."""
+        calm = _calming(frames, design.shape[2])
+        matrix = np.vstack([np.vstack(design[self.known]) / self.sigma_m, calm])
         target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
-        full = np.vstack([matrix, calm])
-        unknown = np.linalg.solve(full.T @ full + 1e-12 * np.eye(full.shape[1]), full.T @ target) if full.shape[1] else np.zeros(0)
-        residual = target - full @ unknown
-        force = np.zeros((count, 3))
-        force[frames] = unknown[: 3 * len(frames)].reshape(-1, 3) * force_unit
-        start = np.zeros((2, self.modal.modes))
-        if not self.at_rest:
-            start = np.einsum("rk,jk->jr", shapes[:, :INITIAL_MODES], unknown[3 * len(frames) :].reshape(2, -1) * unit)
-        return Solution(float(residual @ residual), force, start[0], start[1], residual)
+        normal = matrix.T @ matrix + 1e-12 * np.eye(design.shape[2])
+        unknown = np.linalg.solve(normal, matrix.T @ target)
+        return unknown, target - matrix @ unknown
 
     def refine(self, physics: Physics, footprint: np.ndarray) -> Physics:
         """Stiffness, damping and detuning on all frames, the force solved for inside (variable projection): under the force

@@ -79,7 +79,8 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     tail = np.flatnonzero(forced)[-1] + 2 if forced.any() else 0
     frequencies, decays = _oscillation(matrix, coordinates[tail:], period_s)
     sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
-    return Support(forced, _is_free(coordinates[tail:], frequencies, sigma_one, period_s), frequencies, decays, sigma_one)
+    free = _is_free(coordinates[tail:], frequencies, sigma_one, period_s) and (forced.any() or not at_rest)  # something set it moving
+    return Support(forced, bool(free), frequencies, decays, sigma_one)
 
 
 @dataclass(frozen=True)
