@@ -56,6 +56,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     """Labels, depth, tracks, body, start values. Yields news, returns Prepared."""
     from ..depth import surface_depth
     from ..modes import start_values
+    from ..modes.joint import joint_values
     from ..particles import build_body
     from ..tracks import follow
 
@@ -71,6 +72,9 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     body = build_body(clip, depth0, settings)
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
     start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera)
+    if settings.fit.schedule == "joint" or (settings.fit.schedule == "auto" and not start.has_free_tail):
+        yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
+        start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera)
     prepared = Prepared(clip, depth0, source, tracks, body, start, modal)
     yield Progress("modes", text=describe_start(start), artefact=start)
     return prepared

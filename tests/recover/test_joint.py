@@ -1,0 +1,33 @@
+"""Start values without a free tail."""
+
+import dataclasses
+
+import numpy as np
+
+from diffphys_ros.modes.joint import active_frames, joint_values
+
+from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks
+
+
+def test_frames_with_a_force_are_widened_and_short_gaps_bridged():
+    force = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 0.1, 0, 0])
+    np.testing.assert_array_equal(np.flatnonzero(active_frames(force)), [2, 3, 4, 5, 6, 7, 8, 9])
+
+
+def test_stiffness_and_force_are_found_together_from_a_wrong_guess(prepared):
+    """The tail of this clip is free but nothing says so: the sparse penalty must find that out."""
+    start = dataclasses.replace(
+        prepared.start,
+        young=np.full(2, 1.6 * YOUNG.mean()),
+        forced=np.ones(FRAMES, bool),
+        force=np.zeros((FRAMES, 3)),
+        has_free_tail=False,
+    )
+    tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
+    found = joint_values(prepared.body, tracks, PERIOD_S, start, prepared.modal, camera=make_camera())
+    assert abs(np.log10(found.young[0] / YOUNG[0])) < 0.12
+    assert found.track_cost < 0.01
+    true, got = prepared.start.force, found.force
+    assert (true * got).sum() / np.sqrt((true**2).sum() * (got**2).sum()) > 0.9
+    assert not found.has_free_tail
+    assert all("no free tail" in reason for reason in found.reasons)
