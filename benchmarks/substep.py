@@ -1,4 +1,4 @@
-"""Time of one simulator substep, forward and backward, replays included: python benchmarks/substep.py
+"""Time of one simulator substep, forward and backward, replays included: python benchmarks/substep.py [cpu] [cuda]
 
 A beam of 1,335 particles, four cells over the thickness, one whole differentiated frame; the median of several. The
 rows ending in _replayed keep nothing between the passes (memory_budget_mb = 0), the others what the default keeps.
@@ -7,6 +7,7 @@ rows ending in _replayed keep nothing between the passes (memory_budget_mb = 0),
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 from dataclasses import replace
 
@@ -69,10 +70,13 @@ def measure(name: str, unit: str, *, nodes: int, device: str) -> list[Row]:
 
 
 def main() -> None:
-    """Measure what this machine has; its processor on one core."""
+    """Measure the devices named, or what this machine has; its processor on one core."""
     torch.set_num_threads(1)
-    rows = [replace(r, device=f"{r.device} (one core)") for r in measure("substep_cpu_1335_32", "ms", nodes=32, device="cpu")]
-    if torch.cuda.is_available():
+    wanted = sys.argv[1:] or ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+    rows: list[Row] = []
+    if "cpu" in wanted:
+        rows += [replace(r, device=f"{r.device} (one core)") for r in measure("substep_cpu_1335_32", "ms", nodes=32, device="cpu")]
+    if "cuda" in wanted:
         rows += measure("substep_single_1335_64", "us", nodes=64, device="cuda:0")
     record(rows)
 
