@@ -212,7 +212,7 @@ class StartValues:
     mass_damping: float  # alpha [1/s]: force density -alpha rho v
     stiffness_damping: float  # beta [s]: Kelvin-Voigt stress beta C : d(strain)/dt
     forced: np.ndarray  # frames in which a force may act, bool, shape (T,)
-    force_family: str  # name of the spatial family in fields.force: "uniform" or "gaussian"
+    force_family: str  # name of the spatial family in footprints: "uniform" or "gaussian"
     footprint: np.ndarray  # its parameters; uniform: (0,); gaussian: centre x, y [m, body] and sigma [m], shape (3,)
     force: np.ndarray  # amplitude per frame, body frame [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
     initial_displacement: np.ndarray  # modal coordinates at frame 0 about rest, shape (r,); zeros when at rest

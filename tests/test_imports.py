@@ -15,7 +15,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config"}
-SHARED = {"local_plane"}  # geometry that several stages of the front end need; imports the ground alone
+SHARED = {"local_plane", "footprints"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "modes", "splats", "fields", "simulate", "render", "losses"}
 LEAVES = {"bags", "msg_schemas"}
 OUTPUT = {"store", "result", "report", "score"}

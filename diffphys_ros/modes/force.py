@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
+from ..footprints import gaussian
 from .model import ModalModel
 from .observation import Projection
 from .response import Step
@@ -23,12 +24,6 @@ MOST_EDGE = 3  # frames that may join at an end
 REFINEMENTS = 8  # steps of the fit to all frames
 CENTRES = (6, 3)  # of the search over footprints, along and across the body
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
-
-
-def gaussian_weight(points: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-    """Weights (P,) of a local push at points (P, 3): Gaussian of the in-plane distance from footprint[:2] [m] with standard
-    deviation footprint[2] [m]; the family "gaussian" of the force field."""
-    return np.exp(-0.5 * ((points[:, :2] - footprint[:2]) ** 2).sum(1) / footprint[2] ** 2)
 
 
 @dataclass(frozen=True)
@@ -161,7 +156,7 @@ class ForceProblem:
         """Modal loads (r, 3) of unit amplitudes of a family."""
         if family == "uniform":
             return self.uniform_load
-        return self.modal.footprint_load(lambda points: gaussian_weight(points, footprint))
+        return self.modal.footprint_load(lambda points: gaussian(points, footprint))
 
 
 def _shifted(flags: np.ndarray, by: int) -> np.ndarray:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fields import Layout, footprint_weights
+from ..fields import Layout
+from ..footprints import footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..types import Particles, Recovery
 from .forward import Discretisation

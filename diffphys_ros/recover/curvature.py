@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fields import Layout, footprint_weights
+from ..fields import Layout
+from ..footprints import footprint_weights
 from ..types import Body, Camera
 from .observations import TrackTarget
 from .prepare import Prepared

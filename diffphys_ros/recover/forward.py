@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..fields import Layout, Unknowns, footprint_weights
+from ..fields import Layout, Unknowns
+from ..footprints import footprint_weights
 from ..particles import fill, fit_grid
 from ..simulate import ModalDamping, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fields import footprint_weights
+from ..footprints import footprint_weights
 from .prepare import Prepared
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from diffphys_ros.config import Modes
 from diffphys_ros.modes import ModalModel, start_values
-from diffphys_ros.modes.force import gaussian_weight
+from diffphys_ros.footprints import gaussian
 from diffphys_ros.types import Body, StartValues, Tracks
 
 from .made import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
@@ -100,7 +100,7 @@ def test_a_clip_that_starts_in_motion_gives_stiffness_and_initial_motion(body, t
 def test_a_push_on_the_rim_of_a_plate_is_told_from_wind():
     plate, young = bar(height=0.2, thickness=0.03, edges=()), np.array([1.6e6])
     truth = modes_of(plate, young, finer=0.85, count=12)
-    load = 5 * gust((0.0, 0.0, 1.0)) @ truth.footprint_load(lambda points: gaussian_weight(points, np.array([0.24, -0.07, 0.04]))).T
+    load = 5 * gust((0.0, 0.0, 1.0)) @ truth.footprint_load(lambda points: gaussian(points, np.array([0.24, -0.07, 0.04]))).T
     q = truth.respond(young, mass_damping=0.0, stiffness_damping=BETA, load=load, period_s=PERIOD_S)
     found = start_values(plate, tracks(truth, q), PERIOD_S, settings(at_rest=True))[0]
     assert found.force_family == "gaussian"

@@ -1,4 +1,4 @@
-"""Spatial families of the force field. A force is density [N/m^3 of rest volume] = amplitude(t) * weight(rest position)."""
+"""Spatial families of the force field: density [N/m^3 of rest volume] = amplitude(t) * weight(rest position)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..errors import InputError
+from .errors import InputError
 
 Family = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
