@@ -89,6 +89,12 @@ def _motion_unit(prepared: Prepared) -> np.ndarray:
     return np.stack([moved / size, moved * omega / size])
 
 
+def _repeatable(device: str) -> None:
+    """Equal input gives equal bits on the CPU: the backward pass of a gather would else add from several threads in any order."""
+    torch.use_deterministic_algorithms(device == "cpu")
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # that would only cost time
+
+
 def solve(
     prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None
 ) -> Generator[Progress, None, Recovery]:
@@ -97,6 +103,7 @@ def solve(
     checkpoint.bind(prepared.clip, settings)
     began = time.monotonic()
     yield Progress("plan", text="choosing cells and particles")
+    _repeatable(pick_device(settings))
     problem = pose_problem(prepared, splats, settings)
     count = len(problem.disc.particles.own)
     yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, apparent stiffness {problem.disc.apparent:.3f}")

@@ -25,7 +25,7 @@ def environment(domain: int) -> dict[str, str]:
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "config" / "fastdds.xml"),
         "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
         "PYTHONUNBUFFERED": "1",
-        "OMP_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "2",  # equal bits must not hang on a single thread
     }
     return os.environ | own
 
