@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-COMMON_SHARE = 0.2  # of the track noise that is common to all points, at the least
+COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the least
 CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little
 FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force
 LATE_SIGMA = 6.0  # the same well inside the tail, where only a strong misfit counts
