@@ -35,6 +35,11 @@ class Topic:
         return self.name.replace("~", f"/{FIT_NODE}", 1) if self.name.startswith("~") else self.name
 
 
+def relative(absolute: str) -> str:
+    """The name in the table of a topic of a fit node's bag; undoes Topic.absolute."""
+    return "~" + absolute.removeprefix(f"/{FIT_NODE}")
+
+
 def _table(*topics: Topic) -> dict[str, Topic]:
     return {topic.name: topic for topic in topics}
 

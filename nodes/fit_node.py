@@ -12,7 +12,7 @@ from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
-from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
+from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
 
 from .clip_stage import ClipStage
 from .clip_topics import ClipBuffer
@@ -36,7 +36,7 @@ class Published:
 
     def __init__(self, answer: fields.Answer) -> None:
         self.answer = answer
-        self.messages = [("~" + m.topic.removeprefix("/fit_node"), to_ros(m.type_name, m.fields)) for m in results(answer)]
+        self.messages = [(relative(m.topic), to_ros(m.type_name, m.fields)) for m in results(answer)]
 
 
 class FitNode(ClipStage):

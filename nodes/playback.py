@@ -8,6 +8,7 @@ from rclpy.node import Node
 from diffphys_ros.config import Playback as PlaybackSettings
 from diffphys_ros.msg_schemas.fields import Answer
 from diffphys_ros.msg_schemas.recording import played
+from diffphys_ros.msg_schemas.topics import relative
 
 
 class Playback:
@@ -28,7 +29,7 @@ class Playback:
 
     def _next(self) -> None:
         for message in played(self.answer, self.frame):
-            self._node.send("~" + message.topic.removeprefix("/fit_node"), message.fields)
+            self._node.send(relative(message.topic), message.fields)
         self.frame += 1
         if self.frame == len(self.answer):
             self.frame = 0
