@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""The tables of README.md, from the code: settings from config.py, topics from msg_schemas. Rewrites what stands between
-`<!-- NAME -->` and `<!-- end NAME -->`; with --check it only says whether README.md is up to date."""
+"""The tables of README.md and config/defaults.yaml, from the code: settings from config.py, topics from msg_schemas. Rewrites what
+stands between `<!-- NAME -->` and `<!-- end NAME -->`; with --check it only says whether both files are up to date."""
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable
@@ -14,6 +15,11 @@ from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, Topic
 
 README = Path(__file__).resolve().parent.parent / "README.md"
+DEFAULTS = README.parent / "config" / "defaults.yaml"
+DEFAULTS_HEAD = """\
+# Every setting with its default. Copy what you change; the same names are flags of `diffphys` (--scene.mass_kg 0.8),
+# groups of a file for --config, and parameters of the nodes (-p scene.mass_kg:=0.8).
+"""
 FRAMES = {"world": "world", "camera": "camera optical", "": ""}
 
 
@@ -44,11 +50,24 @@ def filled(text: str) -> str:
     return text
 
 
+def defaults() -> str:
+    """Every setting with its default, as a YAML file with the docs as comments."""
+    lines, last = [], ""
+    for leaf in config.leaves().values():
+        group, key = leaf.name.split(".")
+        lines += [f"{group}:"] if group != last else []
+        words = [leaf.doc + (f" [{leaf.unit}]" if leaf.unit else ""), *filter(None, [leaf.range_text])]
+        lines.append(f"  {key}: {json.dumps(leaf.default) if leaf.kind is not str or leaf.default is None else leaf.default}  # {'; '.join(words)}")
+        last = group
+    return DEFAULTS_HEAD + "\n".join(lines) + "\n"
+
+
 def main(arguments: list[str]) -> int:
-    """Rewrites README.md, or checks it; returns the exit status."""
+    """Rewrites both files, or checks them; returns the exit status."""
     text = README.read_text(encoding="utf-8")
     if arguments == ["--check"]:
-        return 0 if filled(text) == text else 1
+        return 0 if filled(text) == text and defaults() == DEFAULTS.read_text(encoding="utf-8") else 1
+    DEFAULTS.write_text(defaults(), encoding="utf-8")
     README.write_text(filled(text), encoding="utf-8")
     return 0
 

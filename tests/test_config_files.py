@@ -19,7 +19,7 @@ LAUNCH = sorted((ROOT / "launch").glob("*.py"))
 
 def test_defaults_yaml_holds_every_default():
     text = (ROOT / "config" / "defaults.yaml").read_text()
-    assert config.flatten(yaml.safe_load(text), "defaults.yaml") == {name: leaf.default for name, leaf in config.leaves().items()}
+    assert config.flatten(yaml.safe_load(text), "defaults.yaml") == {name: leaf.default for name, leaf in config.leaves().items()}, "make tables"
     assert config.layered([ROOT / "config" / "defaults.yaml"]) == config.build({})
 
 

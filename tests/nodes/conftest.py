@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,7 +12,21 @@ import pytest
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed; pip install '.[ros]' or source a ROS 2 Jazzy")
+try:
+    import rclpy
+except ImportError:
+    rclpy = None
+
+
+class WithoutRos(pytest.Module):
+    """Stands for a test file that cannot be imported."""
+
+    def collect(self) -> list[Any]:
+        pytest.skip("rclpy is not installed; pip install '.[ros]' or source a ROS 2 Jazzy", allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
+    return WithoutRos.from_parent(parent, path=module_path) if rclpy is None else None
 
 
 @pytest.fixture

@@ -94,30 +94,36 @@ def test_without_a_bag_the_service_says_what_is_missing(robot):
     assert "clip/image" in response.message
 
 
+def stamp_of(message) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
 def test_results_are_latched_and_the_motion_is_played_at_its_stamps(robot, made_recovery, made_clip):
-    r = robot(playback__rate=10.0)
+    r = robot()
     answer = fields.answer(made_recovery, made_clip, config.build({}))
     r.node.on_news(Published(answer))
     r.until(lambda: r.node.playback.frame > 2)
     for name in ("~/material_field", "~/force_field", "~/quality", "~/state", "~/net_force", "~/force_markers", "~/rendered"):
         r.listen(name)  # late
-    r.until(lambda: len(r.heard["~/net_force"]) >= 2 * len(answer))  # it loops
+    stamps = {answer.stamp_ns(k) for k in range(len(answer))}
+    # it loops: a history of one may lose a frame on a busy machine, which comes again
+    r.until(lambda: {stamp_of(m) for m in r.heard["~/net_force"]} == stamps)
+    r.until(lambda: all(r.heard.values()))
     assert [len(r.heard[name]) for name in ("~/material_field", "~/force_field", "~/quality")] == [1, 1, 1]
     assert clouds.unpack(r.heard["~/force_field"][0]).tobytes() == clouds.unpack(answer.force_field()).tobytes()
-    by_stamp = {m.header.stamp.sec * 10**9 + m.header.stamp.nanosec: m.wrench for m in r.heard["~/net_force"]}
-    assert set(by_stamp) == {answer.stamp_ns(k) for k in range(len(answer))}
+    by_stamp = {stamp_of(m): m.wrench.force for m in r.heard["~/net_force"]}
     for k in range(len(answer)):
-        force = by_stamp[answer.stamp_ns(k)].force
+        force = by_stamp[answer.stamp_ns(k)]
         assert [force.x, force.y, force.z] == pytest.approx(answer.wrench(k)[0], abs=1e-9)
-    assert {len(r.heard[name]) > 0 for name in ("~/state", "~/force_markers", "~/rendered")} == {True}
 
 
-def test_playback_ends_after_one_pass_where_looping_is_off(robot, made_recovery, made_clip):
-    r = robot(playback__rate=50.0, playback__loop="false")
+def test_playback_ends_with_the_last_frame_where_looping_is_off(robot, made_recovery, made_clip):
+    r = robot(playback__loop="false")
     r.listen("~/net_force")
-    r.until(lambda: r.node.count_subscribers("/fit_node/net_force") == 1)
-    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
-    r.until(lambda: len(r.heard["~/net_force"]) >= len(made_clip) - 1)  # the first may pass before the match
-    end = time.monotonic() + 0.3
+    answer = fields.answer(made_recovery, made_clip, config.build({}))
+    r.node.on_news(Published(answer))
+    r.until(lambda: r.heard["~/net_force"] and stamp_of(r.heard["~/net_force"][-1]) == answer.stamp_ns(len(answer) - 1))
+    end = time.monotonic() + 0.5
     r.until(lambda: time.monotonic() > end)
-    assert len(r.heard["~/net_force"]) <= len(made_clip)
+    assert stamp_of(r.heard["~/net_force"][-1]) == answer.stamp_ns(len(answer) - 1)
+    assert len(r.heard["~/net_force"]) <= len(answer)
