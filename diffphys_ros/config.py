@@ -28,7 +28,7 @@ def setting(
     path: bool = False,
 ) -> Any:
     """A field of the tree; `length` bounds lists, `path` marks a file relative to the YAML that names it."""
-    meta = dict(doc=doc, unit=unit, low=low, high=high, choices=choices, length=length, path=path)
+    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "length": length, "path": path}
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata=meta)
     return field(default=default, metadata=meta)
@@ -194,7 +194,7 @@ def leaves() -> dict[str, Leaf]:
         hints = typing.get_type_hints(cls)
         for f in dataclasses.fields(cls):  # type: ignore[arg-type]
             kind, is_list, optional = _kind(hints[f.name])
-            default = f.default if f.default is not dataclasses.MISSING else f.default_factory()  # type: ignore[misc]
+            default = f.default if f.default is not dataclasses.MISSING else f.default_factory()  # type: ignore[misc,operator]
             found[f"{group.name}.{f.name}"] = Leaf(
                 f"{group.name}.{f.name}", kind, is_list, optional, default, **{k: f.metadata[k] for k in f.metadata}
             )
@@ -203,7 +203,8 @@ def leaves() -> dict[str, Leaf]:
 
 def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
     """Settings from dotted names; checks every value. Raises InputError that names origin, setting and bound."""
-    known, groups = leaves(), {}
+    known: dict[str, Leaf] = leaves()
+    groups: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         if name not in known:
             raise InputError(f"{origin}: unknown setting {name!r}{_nearest(name, known)}")

@@ -54,7 +54,10 @@ def unpack(cloud: Any) -> np.ndarray:
 
     Raises InputError for fields that are neither float32 nor uint32 and for data of the wrong size.
     """
-    get = cloud.get if isinstance(cloud, Mapping) else lambda name: getattr(cloud, name)
+
+    def get(name: str) -> Any:
+        return cloud[name] if isinstance(cloud, Mapping) else getattr(cloud, name)
+
     fields = [f if isinstance(f, Mapping) else {n: getattr(f, n) for n in ("name", "offset", "datatype")} for f in get("fields")]
     unknown = [f["name"] for f in fields if f["datatype"] not in _KIND]
     if unknown:

@@ -63,7 +63,7 @@ def test_a_bad_file_is_one_sentence_that_names_it(tmp_path, text):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match="nowhere.yaml"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml"):
         config.layered([tmp_path / "nowhere.yaml"])
 
 

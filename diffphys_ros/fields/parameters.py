@@ -7,6 +7,7 @@ log E per part (natural logarithm over the start value), damping, force amplitud
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -87,7 +88,7 @@ class Layout:
 
     def unpack(self, z: torch.Tensor, *, modes: int) -> Unknowns:
         """The unknowns that z (size,) stands for; initial motion padded with zeros to `modes` coordinates."""
-        like = dict(dtype=z.dtype, device=z.device)
+        like: dict[str, Any] = {"dtype": z.dtype, "device": z.device}
         n = self.parts
         force = torch.zeros((self.frames, 3), **like)
         if len(self.forced):

@@ -7,6 +7,8 @@ is sparse in time and fades, then the frames that carry a force are kept and eve
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +46,7 @@ class _Problem:
     def frames(self) -> int:
         return len(self.gram)
 
-    def motion(self, z: np.ndarray) -> dict[str, object]:
+    def motion(self, z: np.ndarray) -> dict[str, Any]:
         """Arguments of the modal response at unknowns z: log E / guess, dampings, force of all frames."""
         n = len(self.young)
         return {
@@ -58,10 +60,10 @@ class _Problem:
         """Mean squared misfit over the mean squared motion, its gradient and Gauss-Newton Hessian."""
         motion = self.motion(z)
         young, force = motion.pop("young"), motion["force"]
-        load = force @ self.footprint.T  # type: ignore[operator]
+        load = force @ self.footprint.T
         damping = {k: motion[k] for k in ("mass_damping", "stiffness_damping")}
-        q = self.modal.respond(young, load=load, period_s=self.period_s, **damping)  # type: ignore[arg-type]
-        jacobian = self.modal.jacobian(young, footprint=self.footprint, frames=np.arange(self.frames), period_s=self.period_s, **motion)  # type: ignore[arg-type]
+        q = self.modal.respond(young, load=load, period_s=self.period_s, **damping)
+        jacobian = self.modal.jacobian(young, footprint=self.footprint, frames=np.arange(self.frames), period_s=self.period_s, **motion)
         n = len(self.young)
         jacobian = jacobian * np.r_[np.ones(n), DAMPING_UNITS, np.full(3 * self.frames, self.force_unit)]
         pulled = np.einsum("tab,tb->ta", self.gram, q)
@@ -87,13 +89,13 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
         start,
         young=motion["young"],
         log10_young_sd=np.maximum(spread, 0.1),
-        mass_damping=float(motion["mass_damping"]),  # type: ignore[arg-type]
-        stiffness_damping=float(motion["stiffness_damping"]),  # type: ignore[arg-type]
+        mass_damping=float(motion["mass_damping"]),
+        stiffness_damping=float(motion["stiffness_damping"]),
         forced=forced,
         force_family="uniform",
         footprint=np.zeros(0),
-        force=np.where(forced[:, None], motion["force"], 0.0),  # type: ignore[arg-type]
-        frequencies_hz=modal.frequencies(motion["young"]),  # type: ignore[arg-type]
+        force=np.where(forced[:, None], motion["force"], 0.0),
+        frequencies_hz=modal.frequencies(motion["young"]),
         track_cost=problem.misfit(z)[0],
         identified=told,
         reasons=tuple(reason.format(s) for s in spread),
@@ -149,7 +151,7 @@ def active_frames(force: np.ndarray) -> np.ndarray:
     strong = force > ACTIVE * max(force.max(), 1e-12)
     strong = strong | np.r_[strong[1:], False] | np.r_[False, strong[:-1]]
     index = np.flatnonzero(strong)
-    for a, b in zip(index[:-1], index[1:], strict=True):
+    for a, b in pairwise(index):
         if b - a - 1 <= BRIDGED:
             strong[a:b] = True
     return strong

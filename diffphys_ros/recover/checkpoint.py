@@ -21,7 +21,8 @@ class Checkpoint:
 
     def __init__(self, path: Path | None, *, every_s: float = 60.0, resume: bool = False):
         self.path, self.every_s, self.resume = path, every_s, resume
-        self._saved_at, self._latest, self._key = time.monotonic(), None, ""
+        self._saved_at, self._key = time.monotonic(), ""
+        self._latest: tuple[Iterate, np.ndarray] | None = None
 
     def bind(self, clip: Clip, settings: Settings) -> None:
         """Say which job the states belong to; a state of another job is refused on resume."""

@@ -53,11 +53,14 @@ class Renderer:
     @classmethod
     def of(cls, prepared: Prepared, disc: Discretisation, splats: Splats, *, device: str) -> Renderer:
         """Bind the Gaussians to the particles nearest to them."""
-        tensors = [torch.as_tensor(a, dtype=torch.float32, device=device) for a in (splats.mean, splats.rotation, splats.scale, splats.opacity, splats.color)]
+        mean, rotation, scale, opacity, color = (
+            torch.as_tensor(a, dtype=torch.float32, device=device)
+            for a in (splats.mean, splats.rotation, splats.scale, splats.opacity, splats.color)
+        )
         pose = torch.as_tensor(prepared.body.world_from_body[:3], dtype=torch.float32, device=device)
         background = torch.as_tensor(static_background(prepared.clip), device=device).float() / 255
         binding = bind(prepared.body.to_body(splats.mean.astype(float)), disc.particles.x_rest)
-        return cls(Rasterizer(prepared.clip.camera, device), binding, *tensors, pose, background)
+        return cls(Rasterizer(prepared.clip.camera, device), binding, mean, rotation, scale, opacity, color, pose, background)
 
     def render(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, window: Window | None) -> tuple[torch.Tensor, ...]:
         """Image (S, h, w, 3), alpha and depth (S, h, w) of particles x (S, P, 3), F (S, P, 3, 3), body frame; x0 (P, 3)."""
@@ -92,7 +95,7 @@ class ImageTerm:
         self.renderer, self.ssim_weight = renderer, ssim_weight
         chosen = np.arange(every, len(clip), every)
         self.frames = chosen[clip.seen[chosen]]
-        self.window = window_around(foreground(clip.labels).any(0), MARGIN_PX)
+        self.window = window_around(foreground(clip.labels), MARGIN_PX)
         left, top, right, bottom = self.window
         crop = (slice(top, bottom), slice(left, right))
         device = renderer.mean.device

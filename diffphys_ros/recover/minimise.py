@@ -22,7 +22,10 @@ FLAT = 5e-3  # relative decrease that counts as no progress
 class Evaluation(Protocol):
     """The objective at one point; the gradient is computed only when asked for."""
 
-    value: float
+    @property
+    def value(self) -> float:
+        """The objective."""
+        ...
 
     def gradient(self) -> np.ndarray:
         """d(value)/dz, (size,)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,7 +30,7 @@ class TrackTarget:
     @classmethod
     def of(cls, tracks: Tracks, body: Body, camera: Camera, *, dtype: torch.dtype, device: str) -> TrackTarget:
         """Target of a clip's tracks."""
-        as_tensor = {"dtype": dtype, "device": device}
+        as_tensor: dict[str, Any] = {"dtype": dtype, "device": device}
         points = body.to_body(tracks.points)
         weight = tracks.valid.astype(float)
         if tracks.has_depth:
@@ -63,7 +64,8 @@ class TrackTarget:
         return (self._pixels(self.points0 + displacement) - self._pixels(self.points0)) * self.focal[:, None]
 
     def _pixels(self, points: torch.Tensor) -> torch.Tensor:
-        assert self.camera_from_body is not None and self.pixel_from_camera is not None
+        assert self.camera_from_body is not None
+        assert self.pixel_from_camera is not None
         local = points @ self.camera_from_body[:, :3].T + self.camera_from_body[:, 3]
         homogeneous = local @ self.pixel_from_camera.T
         return homogeneous[..., :2] / homogeneous[..., 2:]

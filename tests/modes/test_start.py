@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diffphys_ros.config import Modes
-from diffphys_ros.modes import ModalModel, start_values
 from diffphys_ros.footprints import gaussian
+from diffphys_ros.modes import ModalModel, start_values
 from diffphys_ros.types import Body, StartValues, Tracks
 
 from .made import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks

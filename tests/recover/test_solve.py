@@ -7,9 +7,9 @@ import pytest
 
 from diffphys_ros.config import build, flat
 from diffphys_ros.errors import InputError
+from diffphys_ros.particles import fill, fit_grid
 from diffphys_ros.recover import Checkpoint, solve
 from diffphys_ros.recover.calibrate import measure_apparent, motion_share
-from diffphys_ros.particles import fill, fit_grid
 
 from .conftest import YOUNG, make_body
 
