@@ -52,6 +52,7 @@ def run(module: str, name: str) -> NoReturn:
     Status 0 after a signal, 2 for bad input (one sentence on stderr), 1 for an error of the program.
     """
     stop, status = Stop(), 0
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # nodes share a machine: idle solver threads must not spin
     import rclpy
 
     from diffphys_ros.errors import InputError
