@@ -28,7 +28,7 @@ graph: setup
 	@$(PY) scripts/graph.py
 
 test: setup
-	$(PY) -m pytest
+	OMP_NUM_THREADS=1 $(PY) -m pytest
 
 lint: setup
 	$(PY) -m ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Generator, Sequence
@@ -18,6 +19,7 @@ USAGE_ERROR, INTERRUPTED = 2, 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit status: 0 done, 2 bad input, 130 interrupted."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch are imported: the tensors are small, threads cost more than they give
     try:
         options = _parse(list(sys.argv[1:] if arguments is None else arguments))
         return options.run(options) or 0

@@ -53,6 +53,7 @@ def run(module: str, name: str) -> NoReturn:
     """
     stop, status = Stop(), 0
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # nodes share a machine: idle solver threads must not spin
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tensors are small: threads cost more than they give
     import rclpy
 
     from diffphys_ros.errors import InputError
