@@ -27,7 +27,7 @@ from .progress import Progress
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
-POOR = 0.08  # loss per track weight at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
+POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
 SCAN = np.linspace(-0.5, 0.5, 11)  # of log E
 LONGEST_STEP, LONGEST_DAMPING = 0.4, 1.0  # of log E, and of damping in its units, in one iteration
 
@@ -139,11 +139,11 @@ def _first(problem: Problem, checkpoint: Checkpoint) -> Generator[Progress, None
     if stored is not None:
         problem.forward.capture(stored[1])
         return stored[0]
-    state = begin(problem.objective, problem.layout.start, problem.hessian)
-    if state.value < POOR * problem.settings.fit.track_weight:
-        return state
-    yield Progress("fit", text=f"the start misses the motion (loss {state.value:.3g}): trying other moduli")
-    found = _best_scale(problem, state.z)
+    start, terms = problem.layout.start, problem.objective(problem.layout.start)
+    if terms.parts.get("track", np.inf) < POOR * problem.settings.fit.track_weight:
+        return begin(lambda z: terms, start, problem.hessian)
+    yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
+    found = _best_scale(problem, start)
     problem.forward.ensure_substeps(found)
     return begin(problem.objective, found, problem.hessian)
 

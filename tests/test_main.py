@@ -1,0 +1,76 @@
+"""The command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from diffphys_ros.__main__ import main
+from diffphys_ros.bags.sample import sample_folder
+
+QUICK = [
+    *("--config", str(sample_folder() / "given.yaml")),
+    *("--particles.cells", "3", "--particles.per_cell", "1.5", "--fit.iterations", "1"),
+    *("--splats.iterations", "8", "--splats.max_count", "500"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["recover", "{tmp}/none.mcap", "--out", "{tmp}/out"], "no such file"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mas_kg", "1"], "did you mean 'scene.mass_kg'"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mass_kg", "-1"], "must be in 1e-06 .. 100000 kg"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mass_kg"], "has no value"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "stray"], "is not a flag"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--config", "{tmp}/none.yaml"], "none.yaml"),
+        (["recover", "{clip}", "--out", "/proc/none"], "choose a folder that can be written"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--topics.depth", "/nowhere"], "/nowhere"),
+        (["score", "{tmp}", "--truth", "{tmp}/none.npz"], "no such file"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words, said, tmp_path, capfd):
+    places = {"tmp": str(tmp_path), "clip": str(sample_folder() / "clip.mcap")}
+    assert main([w.format(**places) for w in words]) == 2
+    error = capfd.readouterr().err.strip()
+    assert said in error
+    assert len(error.splitlines()) == 1
+    out = tmp_path / "out"
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
+    import cv2
+    import numpy as np
+
+    cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((240, 320), np.uint8))
+    words = ["recover", str(sample_folder() / "clip.mcap"), "--out", str(tmp_path / "out"), *QUICK, "--scene.first_mask", str(tmp_path / "empty.png")]
+    assert main(words) == 2
+    assert "empty.png" in capfd.readouterr().err
+
+
+def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(tmp_path, capfd):
+    """Both ways give the same fields, and a truth beside the clip is not looked at."""
+    clip = tmp_path / "clip.mcap"
+    clip.write_bytes((sample_folder() / "clip.mcap").read_bytes())
+    assert main(["recover", str(clip), "--out", str(tmp_path / "whole"), *QUICK]) == 0
+    names = {p.name for p in (tmp_path / "whole").iterdir()}
+    assert names == {"recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"}
+    assert main(["ingest", str(clip), "--out", str(tmp_path / "clip.npz"), *QUICK]) == 0
+    assert main(["recover", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "solver")]) == 0
+    whole, solver = ((tmp_path / name / "recovery.npz").read_bytes() for name in ("whole", "solver"))
+    assert whole == solver
+    assert main(["score", str(tmp_path / "whole"), "--truth", str(sample_folder() / "truth.npz")]) == 0
+    metrics = json.loads((tmp_path / "whole" / "metrics.json").read_text())
+    assert max(abs(e) for e in metrics["young_log10_error"]) < 0.06
+    assert metrics["net_force_cosine"] > 0.95
+    assert {"psnr_masked", "psnr_masked_frozen_frame", "ssim_masked"} <= set(metrics)
+
+
+def test_every_setting_is_listed(capsys):
+    from diffphys_ros import config
+
+    assert main(["settings"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in config.leaves())
