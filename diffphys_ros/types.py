@@ -145,10 +145,6 @@ class Body:
         """World components (..., 3) of body vectors (..., 3)."""
         return vectors @ self.world_from_body[:3, :3].T
 
-    def rotate_to_body(self, vectors: np.ndarray) -> np.ndarray:
-        """Body components (..., 3) of world vectors (..., 3)."""
-        return vectors @ self.world_from_body[:3, :3]
-
     def cell_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nearest raster cell, as two index arrays, of body points (..., 2 or 3); clipped to the raster."""
         index = np.rint((points[..., :2] - self.origin) / self.pitch_m).astype(int)

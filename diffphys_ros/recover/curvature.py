@@ -23,7 +23,7 @@ def track_hessian(prepared: Prepared, layout: Layout, target: TrackTarget, *, in
 def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_modes: int) -> np.ndarray:
     start, modal = prepared.start, prepared.modal
     jacobian = modal.track_jacobian(
-        target.points0.cpu().double().numpy(),
+        target.rest_points,
         start.young,
         mass_damping=start.mass_damping,
         stiffness_damping=start.stiffness_damping,
@@ -40,7 +40,7 @@ def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_m
 
 def _across_the_line_of_sight(jacobian: np.ndarray, target: TrackTarget, body: Body, camera: Camera) -> np.ndarray:
     """Without depth only motion across the rays is compared."""
-    rays = target.points0.cpu().double().numpy() - body.to_body(camera.position)
+    rays = target.rest_points - body.to_body(camera.position)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     along = np.einsum("mc,tmcs->tms", rays, jacobian)
     return jacobian - rays[None, :, :, None] * along[:, :, None]

@@ -83,7 +83,7 @@ class Objective:
 
     def __init__(self, forward: ForwardModel, target: TrackTarget, images: ImageTerm | None, prior: Prior, weights: Fit):
         self.forward, self.target, self.images, self.prior, self.weights = forward, target, images, prior, weights
-        self.binding: Binding = bind(target.points0.cpu().double().numpy(), forward.disc.particles.x_rest)
+        self.binding: Binding = bind(target.rest_points, forward.disc.particles.x_rest)
         self.failures: list[str] = []  # what the simulation said where a step went too far
 
     def __call__(self, z: np.ndarray) -> Terms:

@@ -45,6 +45,11 @@ class TrackTarget:
         tensors = [None if a is None else torch.as_tensor(a, **as_tensor) for a in extra]
         return cls(torch.as_tensor(points[0], **as_tensor), torch.as_tensor(observed, **as_tensor), torch.as_tensor(weight, **as_tensor), mean_square, *tensors)
 
+    @property
+    def rest_points(self) -> np.ndarray:
+        """points0 in double precision, (M, 3)."""
+        return self.points0.cpu().double().numpy()
+
     def residual(self, displacement: torch.Tensor) -> torch.Tensor:
         """Predicted minus observed [m], (T, M, 3 or 2), of displacements from frame 0 (T, M, 3), body frame; 0 where not valid."""
         return (self._seen(displacement) - self.observed) * self.weight[..., None]

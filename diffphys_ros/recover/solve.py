@@ -19,7 +19,7 @@ from .forward import Discretisation, ForwardModel, discretise
 from .images import ImageTerm, Renderer
 from .linear import linear_displacement
 from .minimise import Iterate, begin, minimise
-from .objective import Objective, Prior, Terms
+from .objective import Objective, Prior
 from .observations import TrackTarget, acceleration_scale
 from .plan import Plan, make_plan
 from .prepare import Prepared, scaled_start
@@ -194,7 +194,7 @@ def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float
 def _answer(problem: Problem, state: Iterate) -> Recovery:
     with torch.no_grad():
         terms = problem.objective(state.z)
-    points = problem.target.points0.cpu().double().numpy()
+    points = problem.target.rest_points
     linear = torch.as_tensor(linear_displacement(problem.prepared, points)).to(problem.target.observed)
     noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
     refined_rms = float("inf") if terms.motion is None else problem.objective.track_rms(terms.motion)
@@ -223,6 +223,3 @@ def _verdict(recovery: Recovery) -> str:
     m = recovery.metrics
     kept = "refined by simulation" if m["refined"] else "start values kept: the simulation did not reach the track noise"
     return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]
-
-
-__all__ = ["Checkpoint", "Terms", "pose_problem", "solve"]
