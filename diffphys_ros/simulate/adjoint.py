@@ -1,12 +1,11 @@
 """The adjoint of one substep, by hand: the derivative of forward.py read backwards.
 
-    g2p_adjoint    adjoints of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F
+    g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F
     grid_adjoint   adjoint of a node's velocity -> adjoints of its momentum and mass, and of the drag factor
     p2g_adjoint    adjoints of momentum and mass -> adjoints of a particle's state, mu, lam, body force and mass
 
-The states before and after the substep and the nodal velocities between them must be at hand.
-With L = sum_i w_i(x) V_i . (a + Q d_i), d_i = x_i - x, both transfers have the position gradient
-sum_i (V_i . (a + Q d_i)) grad w_i - Q^T sum_i w_i V_i: the same loop serves twice. Names end in _bar for dL/d(name).
+The states before and after the substep and the nodal velocities between them must be at hand. Names end in _bar for
+dL/d(name).
 """
 
 from functools import cache
@@ -15,7 +14,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from .common import common
-from .laws import LAWS
+from .forward import forward
+from .laws import law_of
+from .transfer import stencil, transfer
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -24,72 +25,48 @@ from .laws import LAWS
 @cache
 def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
     """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint; arguments as for forward.forward."""
-    stress, stress_adjoint = LAWS[law](real)
-    t = common(real)
-    vec3, vec4, mat33, Lattice, States, Material, StateBar = t.vec3, t.vec4, t.mat33, t.Lattice, t.States, t.Material, t.StateBar
-    cell, inside, first, past, node, lift, column, weights, slopes = (
-        getattr(t, name) for name in ("cell", "inside", "first", "past", "node", "lift", "column", "weights", "slopes")
+    model, t, momentum_field = law_of(law, real), common(real), forward(law, real, nodal).momentum_field
+    stress_adjoint, project_adjoint = model.stress_adjoint, model.project_adjoint
+    vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
+    cell, inside, affine, gradient, lower, around, Load = (
+        t.cell,
+        t.inside,
+        t.affine,
+        t.gradient,
+        t.lower,
+        stencil(real).around,
+        stencil(real).Load,
     )
-    scaled, madd, madd_each, gather, scatter = t.scaled, t.madd, t.madd_each, t.gather, t.scatter
-
-    @wp.func
-    def total(a: vec4):
-        return a[0] + a[1] + a[2] + a[3]
+    scatter_slope = transfer(real, scatters=True, slopes=True)
+    gather_slope = transfer(real, gathers=True, slopes=True, loaded=nodal)
 
     @wp.func
     def g2p_adjoint(
-        p: int,
         lattice: Lattice,
-        slot: int,
-        next_slot: int,
+        particle: Particle,
+        following: Particle,
+        material: Material,
         at: int,
-        states: States,
         velocity: wp.array(dtype=vec4),
-        bar: StateBar,
+        bar: Particle,
+        material_bar: Material,
         velocity_bar: wp.array(dtype=vec4),
     ):
-        u = cell(lattice, states.x[slot, p])
+        """`bar` holds the adjoint of the `following` state; returns what of it the nodes do not pass on."""
+        u = cell(lattice, particle.x)
         if not inside(lattice, u):
-            return
-        o = first(u)
-        f = past(u, o)
-        step = vec3(real(0.0), real(1.0), real(2.0))
-        wx = weights(f[0])
-        wy = weights(f[1])
-        wz = weights(f[2])
-        sx = slopes(f[0])
-        sy = slopes(f[1])
-        sz = slopes(f[2])
-        F_bar = bar.F[p]
-        Q = (lattice.affine * lattice.dx) * (bar.C[p] + lattice.dt * (F_bar * wp.transpose(states.F[slot, p])))
-        a = lift(bar.v[p] + lattice.dt * bar.x[p], real(0.0))
-        qx = column(Q, 0)
-        qy = column(Q, 1)
-        qz = column(Q, 2)
-        gx = vec4()
-        gy = vec4()
-        gz = vec4()
-        for i in range(3):
-            ai = madd(madd(a, step[i] - f[0], qx), -f[2], qz)
-            for j in range(3):
-                n = node(lattice, o, i, j)
-                q0 = madd(ai, step[j] - f[1], qy)
-                q1 = madd(q0, real(1.0), qz)
-                q2 = madd(q0, real(2.0), qz)
-                w = wx[i] * wy[j]
-                e0 = madd_each(vec4(), gather(velocity, at + n), q0)
-                e1 = madd_each(vec4(), gather(velocity, at + n + 1), q1)
-                e2 = madd_each(vec4(), gather(velocity, at + n + 2), q2)
-                scatter(velocity_bar, n, w * wz[0], q0)
-                scatter(velocity_bar, n + 1, w * wz[1], q1)
-                scatter(velocity_bar, n + 2, w * wz[2], q2)
-                e = madd(madd(scaled(wz[0], e0), wz[1], e1), wz[2], e2)
-                gx = madd(gx, sx[i] * wy[j], e)
-                gy = madd(gy, wx[i] * sy[j], e)
-                gz = madd(gz, w, madd(madd(scaled(sz[0], e0), sz[1], e1), sz[2], e2))
-        slope = vec3(total(gx), total(gy), total(gz))
-        bar.x[p] = bar.x[p] + (slope - wp.transpose(Q) * states.v[next_slot, p]) / lattice.dx
-        bar.F[p] = F_bar + lattice.dt * (wp.transpose(states.C[next_slot, p]) * F_bar)
+            return bar, material_bar
+        F_bar = bar.F
+        if wp.static(project_adjoint is not None):
+            F_trial = particle.F + lattice.dt * (following.C * particle.F)
+            F_bar, mu_bar, lam_bar = project_adjoint(F_trial, material.mu, material.lam, bar.F)
+            material_bar.mu = material_bar.mu + mu_bar
+            material_bar.lam = material_bar.lam + lam_bar
+        Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(particle.F)))
+        field = affine(bar.v + lattice.dt * bar.x, real(0.0), Q)
+        _, slope = scatter_slope(around(lattice, u), field, velocity, at, velocity_bar, Load())
+        x_bar = bar.x + (slope - wp.transpose(Q) * following.v) / lattice.dx
+        return Particle(x_bar, vec3(), mat33(), F_bar + lattice.dt * (wp.transpose(following.C) * F_bar)), material_bar
 
     @wp.func
     def grid_adjoint(
@@ -114,87 +91,31 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
 
     @wp.func
     def p2g_adjoint(
-        p: int,
         lattice: Lattice,
-        slot: int,
-        states: States,
+        particle: Particle,
         material: Material,
+        node_force: wp.array(dtype=vec3),
         momentum_bar: wp.array(dtype=vec4),
-        bar: StateBar,
+        bar: Particle,
         material_bar: Material,
+        node_force_bar: wp.array(dtype=vec3),
     ):
-        u = cell(lattice, states.x[slot, p])
+        """`bar` holds what g2p_adjoint returned; returns the adjoint of the state, and `material_bar` with this substep's share."""
+        u = cell(lattice, particle.x)
         if not inside(lattice, u):
-            return
-        o = first(u)
-        f = past(u, o)
-        step = vec3(real(0.0), real(1.0), real(2.0))
-        wx = weights(f[0])
-        wy = weights(f[1])
-        wz = weights(f[2])
-        sx = slopes(f[0])
-        sy = slopes(f[1])
-        sz = slopes(f[2])
-        mass = material.mass[p]
-        mu = material.mu[p]
-        lam = material.lam[p]
-        impulse = lattice.dt * material.volume[p]
-        F = states.F[slot, p]
-        C = states.C[slot, p]
-        v = states.v[slot, p]
-        A = lattice.dx * (mass * C - (lattice.affine * impulse) * stress(F, mu, lam))
-        b = lift(mass * v + impulse * material.body[p], mass)
-        ax = column(A, 0)
-        ay = column(A, 1)
-        az = column(A, 2)
-        received = vec4()
-        tx = vec4()
-        ty = vec4()
-        tz = vec4()
-        gx = vec4()
-        gy = vec4()
-        gz = vec4()
-        for i in range(3):
-            bi = madd(madd(b, step[i] - f[0], ax), -f[2], az)
-            for j in range(3):
-                n = node(lattice, o, i, j)
-                h = madd(bi, step[j] - f[1], ay)
-                g0 = gather(momentum_bar, n)
-                g1 = gather(momentum_bar, n + 1)
-                g2 = gather(momentum_bar, n + 2)
-                e0 = madd_each(vec4(), g0, h)
-                e1 = madd_each(vec4(), g1, madd(h, real(1.0), az))
-                e2 = madd_each(vec4(), g2, madd(h, real(2.0), az))
-                w = wx[i] * wy[j]
-                if wp.static(nodal):
-                    e0 = madd_each(e0, impulse * lift(material.node_force[n], real(0.0)), g0)
-                    e1 = madd_each(e1, impulse * lift(material.node_force[n + 1], real(0.0)), g1)
-                    e2 = madd_each(e2, impulse * lift(material.node_force[n + 2], real(0.0)), g2)
-                    for k in range(3):
-                        g = gather(momentum_bar, n + k)
-                        wp.atomic_add(material_bar.node_force, n + k, (impulse * w * wz[k]) * vec3(g[0], g[1], g[2]))
-                e = madd(madd(scaled(wz[0], e0), wz[1], e1), wz[2], e2)
-                gx = madd(gx, sx[i] * wy[j], e)
-                gy = madd(gy, wx[i] * sy[j], e)
-                gz = madd(gz, w, madd(madd(scaled(sz[0], e0), sz[1], e1), sz[2], e2))
-                t = madd(scaled(wz[1], g1), real(2.0) * wz[2], g2)
-                s = scaled(w, madd(madd(scaled(wz[0], g0), wz[1], g1), wz[2], g2))
-                received = madd(received, real(1.0), s)
-                tx = madd(tx, step[i] - f[0], s)
-                ty = madd(ty, step[j] - f[1], s)
-                tz = madd(tz, w, t)
-        tz = madd(tz, -f[2], received)
-        slope = vec3(total(gx), total(gy), total(gz))
-        b_bar = vec3(received[0], received[1], received[2])
-        A_bar = lattice.dx * mat33(tx[0], ty[0], tz[0], tx[1], ty[1], tz[1], tx[2], ty[2], tz[2])
-        F_bar, mu_bar, lam_bar = stress_adjoint(F, mu, lam, (-lattice.affine * impulse) * A_bar)
-        bar.x[p] = bar.x[p] + (slope - wp.transpose(A) * b_bar) / lattice.dx
-        bar.v[p] = mass * b_bar
-        bar.C[p] = mass * A_bar
-        bar.F[p] = bar.F[p] + F_bar
-        material_bar.mu[p] = material_bar.mu[p] + mu_bar
-        material_bar.lam[p] = material_bar.lam[p] + lam_bar
-        material_bar.body[p] = material_bar.body[p] + impulse * b_bar
-        material_bar.mass[p] = material_bar.mass[p] + received[3] + wp.dot(b_bar, v) + wp.ddot(A_bar, C)
+            return bar, material_bar
+        impulse, mass = lattice.dt * material.volume, material.mass
+        field = momentum_field(lattice, particle, material)
+        load = Load(impulse, node_force, node_force_bar)
+        moments, slope = gather_slope(around(lattice, u), field, momentum_bar, 0, momentum_bar, load)
+        b_bar = lower(moments.b)
+        A_bar = lattice.dx * gradient(moments)
+        F_bar, mu_bar, lam_bar = stress_adjoint(particle.F, material.mu, material.lam, (-lattice.affine * impulse) * A_bar)
+        x_bar = bar.x + (slope - wp.transpose(gradient(field)) * b_bar) / lattice.dx
+        material_bar.mu = material_bar.mu + mu_bar
+        material_bar.lam = material_bar.lam + lam_bar
+        material_bar.body = material_bar.body + impulse * b_bar
+        material_bar.mass = material_bar.mass + moments.b[3] + wp.dot(b_bar, particle.v) + wp.ddot(A_bar, particle.C)
+        return Particle(x_bar, mass * b_bar, mass * A_bar, bar.F + F_bar), material_bar
 
     return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

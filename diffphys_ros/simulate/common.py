@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from . import lanes, spline
+from . import lanes
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -15,7 +15,6 @@ from . import lanes, spline
 def common(real: type) -> SimpleNamespace:
     """Everything below, over `real` (wp.float32 or wp.float64)."""
     vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
-    weights, slopes = spline.build(real)
 
     @wp.struct
     class Lattice:
@@ -30,14 +29,14 @@ def common(real: type) -> SimpleNamespace:
         clamp_index: int  # nodes with i <= clamp_index are held
 
     @wp.struct
-    class States:  # of consecutive substeps, each (slots, P)
+    class States:  # of consecutive substeps, each (slots, P); or the adjoint of one, in slot 0
         x: wp.array2d(dtype=vec3)
         v: wp.array2d(dtype=vec3)
         C: wp.array2d(dtype=mat33)
         F: wp.array2d(dtype=mat33)
 
     @wp.struct
-    class Material:  # per particle, and the force density per node (or one unused entry)
+    class Materials:  # of all particles, and the force density per node (or one unused entry)
         mu: wp.array(dtype=real)
         lam: wp.array(dtype=real)
         body: wp.array(dtype=vec3)
@@ -46,11 +45,26 @@ def common(real: type) -> SimpleNamespace:
         node_force: wp.array(dtype=vec3)
 
     @wp.struct
-    class StateBar:  # adjoint of the present state, each (P,)
-        x: wp.array(dtype=vec3)
-        v: wp.array(dtype=vec3)
-        C: wp.array(dtype=mat33)
-        F: wp.array(dtype=mat33)
+    class Particle:  # the state of one, or its adjoint
+        x: vec3
+        v: vec3
+        C: mat33
+        F: mat33
+
+    @wp.struct
+    class Material:  # of one particle, or its adjoint
+        mu: real
+        lam: real
+        body: vec3
+        volume: real
+        mass: real
+
+    @wp.struct
+    class Affine:  # the field b + x d_x + y d_y + z d_z of the distance d from a point in cells, or the moments of one
+        b: vec4
+        x: vec4
+        y: vec4
+        z: vec4
 
     @wp.func
     def cell(lattice: Lattice, x: vec3):
@@ -63,23 +77,47 @@ def common(real: type) -> SimpleNamespace:
         return low and high
 
     @wp.func
-    def first(u: vec3):
-        return wp.vec3i(int(wp.floor(u[0] - real(0.5))), int(wp.floor(u[1] - real(0.5))), int(wp.floor(u[2] - real(0.5))))
-
-    @wp.func
-    def past(u: vec3, o: wp.vec3i):
-        return u - vec3(real(o[0]), real(o[1]), real(o[2]))
-
-    @wp.func
-    def node(lattice: Lattice, o: wp.vec3i, i: int, j: int):
-        return ((o[0] + i) * lattice.ny + o[1] + j) * lattice.nz + o[2]
-
-    @wp.func
     def lift(a: vec3, w: real):
         return vec4(a[0], a[1], a[2], w)
 
     @wp.func
-    def column(A: mat33, j: int):
-        return vec4(A[0, j], A[1, j], A[2, j], real(0.0))
+    def lower(a: vec4):
+        return vec3(a[0], a[1], a[2])
+
+    @wp.func
+    def affine(b: vec3, w: real, A: mat33):
+        zero = real(0.0)
+        return Affine(
+            lift(b, w),
+            lift(A * vec3(real(1.0), zero, zero), zero),
+            lift(A * vec3(zero, real(1.0), zero), zero),
+            lift(A * vec3(zero, zero, real(1.0)), zero),
+        )
+
+    @wp.func
+    def gradient(m: Affine):
+        return mat33(m.x[0], m.y[0], m.z[0], m.x[1], m.y[1], m.z[1], m.x[2], m.y[2], m.z[2])
+
+    @wp.func
+    def load(states: States, slot: int, p: int):
+        return Particle(states.x[slot, p], states.v[slot, p], states.C[slot, p], states.F[slot, p])
+
+    @wp.func
+    def store(states: States, slot: int, p: int, particle: Particle):
+        states.x[slot, p] = particle.x
+        states.v[slot, p] = particle.v
+        states.C[slot, p] = particle.C
+        states.F[slot, p] = particle.F
+
+    @wp.func
+    def material_of(materials: Materials, p: int):
+        return Material(materials.mu[p], materials.lam[p], materials.body[p], materials.volume[p], materials.mass[p])
+
+    @wp.func
+    def put_material(materials: Materials, p: int, material: Material):
+        materials.mu[p] = material.mu
+        materials.lam[p] = material.lam
+        materials.body[p] = material.body
+        materials.mass[p] = material.mass
 
     return SimpleNamespace(**locals(), **vars(lanes.build(real)))

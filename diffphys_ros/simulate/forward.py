@@ -2,9 +2,9 @@
 
     p2g     a particle -> momentum and mass of its nodes, elastic stress and forces included
     grid    a node's velocity, written from node `at` on: drag, Dirichlet nodes; empties its momentum for the next substep
-    g2p     nodes -> a particle's x, v, C, F in the next substep, and the flag of what went wrong
+    g2p     nodes -> a particle's x, v, C, F in the next substep
 
-Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass). The stencil is unrolled along k by hand.
+Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass).
 """
 
 from functools import cache
@@ -13,7 +13,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from .common import common
-from .laws import LAWS
+from .laws import law_of
+from .transfer import stencil, transfer
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -23,44 +24,31 @@ LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep *
 
 @cache
 def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
-    """Warp functions p2g, grid, g2p for a law's name and a scalar type; `nodal`: a force density on the nodes acts too."""
-    stress, _ = LAWS[law](real)
-    t = common(real)
-    vec3, vec4, mat33, Lattice, States, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.States, t.Material
-    cell, inside, first, past, node, lift, column, weights = t.cell, t.inside, t.first, t.past, t.node, t.lift, t.column, t.weights
-    scaled, madd, gather, scatter = t.scaled, t.madd, t.gather, t.scatter
+    """Warp functions p2g, grid, g2p, check for a law's name and a scalar type; `nodal`: a force density on the nodes acts too."""
+    model, t = law_of(law, real), common(real)
+    stress, project = model.stress, model.project
+    vec3, vec4, Lattice, Particle, Material = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material
+    cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
+    around = stencil(real).around
+    Load = stencil(real).Load
+    scatter, gather = transfer(real, scatters=True, loaded=nodal), transfer(real, gathers=True)
 
     @wp.func
-    def p2g(p: int, lattice: Lattice, slot: int, states: States, material: Material, momentum: wp.array(dtype=vec4)):
-        u = cell(lattice, states.x[slot, p])
-        if not inside(lattice, u):
-            return
-        o = first(u)
-        f = past(u, o)
-        step = vec3(real(0.0), real(1.0), real(2.0))
-        wx = weights(f[0])
-        wy = weights(f[1])
-        wz = weights(f[2])
-        mass = material.mass[p]
-        impulse = lattice.dt * material.volume[p]
-        A = mass * states.C[slot, p] - (lattice.affine * impulse) * stress(states.F[slot, p], material.mu[p], material.lam[p])
-        A = lattice.dx * A
-        b = lift(mass * states.v[slot, p] + impulse * material.body[p], mass)
-        ax = column(A, 0)
-        ay = column(A, 1)
-        az = column(A, 2)
-        for i in range(3):
-            bi = madd(madd(b, step[i] - f[0], ax), -f[2], az)
-            for j in range(3):
-                n = node(lattice, o, i, j)
-                w = wx[i] * wy[j]
-                h = madd(bi, step[j] - f[1], ay)
-                scatter(momentum, n, w * wz[0], h)
-                scatter(momentum, n + 1, w * wz[1], madd(h, real(1.0), az))
-                scatter(momentum, n + 2, w * wz[2], madd(h, real(2.0), az))
-                if wp.static(nodal):
-                    for k in range(3):
-                        scatter(momentum, n + k, w * impulse * wz[k], lift(material.node_force[n + k], real(0.0)))
+    def momentum_field(lattice: Lattice, particle: Particle, material: Material):
+        """What a particle gives its nodes, per weight: momentum and mass over the distance in cells."""
+        impulse = lattice.dt * material.volume
+        tau = stress(particle.F, material.mu, material.lam)
+        A = material.mass * particle.C - (lattice.affine * impulse) * tau
+        return affine(material.mass * particle.v + impulse * material.body, material.mass, lattice.dx * A)
+
+    @wp.func
+    def p2g(lattice: Lattice, particle: Particle, material: Material, node_force: wp.array(dtype=vec3), momentum: wp.array(dtype=vec4)):
+        u = cell(lattice, particle.x)
+        if inside(lattice, u):
+            load = Load()
+            load.factor = lattice.dt * material.volume
+            load.force = node_force
+            scatter(around(lattice, u), momentum_field(lattice, particle, material), momentum, 0, momentum, load)
 
     @wp.func
     def grid(n: int, lattice: Lattice, at: int, drag: wp.array(dtype=real), momentum: wp.array(dtype=vec4), velocity: wp.array(dtype=vec4)):
@@ -72,63 +60,32 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             velocity[at + n] = vec4()
         else:
             scale = drag[0] / q[3]
-            velocity[at + n] = vec4(scale * q[0], scale * q[1], scale * q[2], scale)
+            v = scale * lower(q)
+            velocity[at + n] = lift(v, scale)
 
     @wp.func
-    def g2p(
-        p: int,
-        lattice: Lattice,
-        slot: int,
-        next_slot: int,
-        substep: int,
-        at: int,
-        velocity: wp.array(dtype=vec4),
-        states: States,
-        flag: wp.array(dtype=wp.int64),
-    ):
-        x = states.x[slot, p]
-        u = cell(lattice, x)
+    def g2p(lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
+        u = cell(lattice, particle.x)
         if not inside(lattice, u):
-            return
-        o = first(u)
-        f = past(u, o)
-        step = vec3(real(0.0), real(1.0), real(2.0))
-        wx = weights(f[0])
-        wy = weights(f[1])
-        wz = weights(f[2])
-        v = vec4()
-        bx = vec4()
-        by = vec4()
-        bz = vec4()
-        for i in range(3):
-            for j in range(3):
-                n = at + node(lattice, o, i, j)
-                g1 = scaled(wz[1], gather(velocity, n + 1))
-                g2 = scaled(wz[2], gather(velocity, n + 2))
-                w = wx[i] * wy[j]
-                s = scaled(w, madd(madd(g1, wz[0], gather(velocity, n)), real(1.0), g2))
-                v = madd(v, real(1.0), s)
-                bx = madd(bx, step[i] - f[0], s)
-                by = madd(by, step[j] - f[1], s)
-                bz = madd(bz, w, madd(g1, real(2.0), g2))
-        bz = madd(bz, -f[2], v)
-        C = (lattice.affine * lattice.dx) * mat33(bx[0], by[0], bz[0], bx[1], by[1], bz[1], bx[2], by[2], bz[2])
-        v3 = vec3(v[0], v[1], v[2])
-        F = states.F[slot, p]
-        F = F + lattice.dt * (C * F)
-        x = x + lattice.dt * v3
-        states.x[next_slot, p] = x
-        states.v[next_slot, p] = v3
-        states.C[next_slot, p] = C
-        states.F[next_slot, p] = F
-        ratio = wp.determinant(F)
-        if not (inside(lattice, cell(lattice, x)) and ratio > real(0.0) and wp.isfinite(ratio)):
+            return particle
+        moments, _ = gather(around(lattice, u), t.Affine(), velocity, at, velocity, Load())
+        v = lower(moments.b)
+        C = (lattice.affine * lattice.dx) * gradient(moments)
+        F = particle.F + lattice.dt * (C * particle.F)
+        if wp.static(project is not None):
+            F = project(F, material.mu, material.lam)
+        return Particle(particle.x + lattice.dt * v, v, C, F)
+
+    @wp.func
+    def check(p: int, lattice: Lattice, particle: Particle, substep: int, particles: int, flag: wp.array(dtype=wp.int64)):
+        """Note the first particle whose next state no longer makes sense."""
+        ratio = wp.determinant(particle.F)
+        if not (inside(lattice, cell(lattice, particle.x)) and ratio > real(0.0) and wp.isfinite(ratio)):
             reason = wp.int64(LEFT_GRID)
             if ratio <= real(0.0):
                 reason = wp.int64(INVERTED)
-            if not wp.isfinite(wp.length_sq(x) + ratio):
+            if not wp.isfinite(wp.length_sq(particle.x) + ratio):
                 reason = wp.int64(NON_FINITE)
-            particles = wp.int64(states.x.shape[1])
-            wp.atomic_min(flag, 0, (wp.int64(substep) * particles + wp.int64(p)) * wp.int64(4) + reason)
+            wp.atomic_min(flag, 0, (wp.int64(substep) * wp.int64(particles) + wp.int64(p)) * wp.int64(4) + reason)
 
-    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p)
+    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p, check=check, momentum_field=momentum_field)

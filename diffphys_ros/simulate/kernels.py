@@ -1,8 +1,9 @@
 """Kernels made of the functions in forward.py and adjoint.py, in two shapes.
 
 `serial`: one thread runs many substeps; on a CPU, where Warp runs threads one after the other, this leaves out the
-launches. `parallel`: one launch per part of a substep, a thread per particle or node, for CUDA. Modules are built per
-law and scalar type when first used, the adjoint apart from the forward pass.
+launches. `parallel`: one launch per part of a substep, a thread per particle or node, for CUDA. Both run g2p of a substep
+together with p2g of the next, and back again. Modules are built per law and scalar type when first used, the adjoint
+apart from the forward pass.
 """
 
 from functools import cache
@@ -29,37 +30,147 @@ def kernel(name: str, law: str, real: type, nodal: bool) -> Any:
 
 
 @cache
+def particle_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
+    """Warp functions over one particle: `begin` a run of substeps, `advance` to the next slot and begin from there."""
+    part, t = forward(law, real, nodal), common(real)
+    p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
+
+    @wp.func
+    def begin(p: int, lattice: t.Lattice, slot: int, states: t.States, materials: t.Materials, momentum: wp.array(dtype=t.vec4)):
+        p2g(lattice, load(states, slot, p), material_of(materials, p), materials.node_force, momentum)
+
+    @wp.func
+    def advance(
+        p: int,
+        lattice: t.Lattice,
+        slot: int,
+        next_slot: int,
+        substep: int,
+        ends: bool,
+        at: int,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        states: t.States,
+        momentum: wp.array(dtype=t.vec4),
+        flag: wp.array(dtype=wp.int64),
+    ):
+        material = material_of(materials, p)
+        after = g2p(lattice, load(states, slot, p), material, at, velocity)
+        store(states, next_slot, p, after)
+        check(p, lattice, after, substep, states.x.shape[1], flag)
+        if not ends:
+            p2g(lattice, after, material, materials.node_force, momentum)
+
+    return SimpleNamespace(begin=begin, advance=advance)
+
+
+@cache
+def particle_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
+    """Warp functions over one particle: `enter` a run of substeps from its end, `retreat` over p2g and the g2p before it."""
+    part, t = adjoint(law, real, nodal), common(real)
+    g2p_adjoint, p2g_adjoint, load, store, material_of, put_material = (
+        part.g2p_adjoint,
+        part.p2g_adjoint,
+        t.load,
+        t.store,
+        t.material_of,
+        t.put_material,
+    )
+
+    @wp.func
+    def enter(
+        p: int,
+        lattice: t.Lattice,
+        slot: int,
+        at: int,
+        states: t.States,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        bars: t.States,
+        materials_bar: t.Materials,
+        velocity_bar: wp.array(dtype=t.vec4),
+    ):
+        bar, material_bar = g2p_adjoint(
+            lattice,
+            load(states, slot, p),
+            load(states, slot + 1, p),
+            material_of(materials, p),
+            at,
+            velocity,
+            load(bars, 0, p),
+            material_of(materials_bar, p),
+            velocity_bar,
+        )
+        store(bars, 0, p, bar)
+        put_material(materials_bar, p, material_bar)
+
+    @wp.func
+    def retreat(
+        p: int,
+        lattice: t.Lattice,
+        slot: int,
+        at: int,
+        states: t.States,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        momentum_bar: wp.array(dtype=t.vec4),
+        bars: t.States,
+        materials_bar: t.Materials,
+        velocity_bar: wp.array(dtype=t.vec4),
+    ):
+        material, particle = material_of(materials, p), load(states, slot, p)
+        bar, material_bar = p2g_adjoint(
+            lattice,
+            particle,
+            material,
+            materials.node_force,
+            momentum_bar,
+            load(bars, 0, p),
+            material_of(materials_bar, p),
+            materials_bar.node_force,
+        )
+        if slot > 0:
+            bar, material_bar = g2p_adjoint(
+                lattice, load(states, slot - 1, p), particle, material, at, velocity, bar, material_bar, velocity_bar
+            )
+        store(bars, 0, p, bar)
+        put_material(materials_bar, p, material_bar)
+
+    return SimpleNamespace(enter=enter, retreat=retreat)
+
+
+@cache
 def serial_forward(law: str, real: type, nodal: bool) -> Any:
     """Kernel of one thread: substeps start .. stop - 1. With keep = 1 every state has its slot, and velocities start at
     slot * stride; with keep = 0 all happens in slot 0."""
-    part, t = forward(law, real, nodal), common(real)
-    vec4, Lattice, States, Material = t.vec4, t.Lattice, t.States, t.Material
-    p2g, grid, g2p = part.p2g, part.grid, part.g2p
+    grid, part, t = forward(law, real, nodal).grid, particle_forward(law, real, nodal), common(real)
+    begin, advance = part.begin, part.advance
 
     @kernel("serial_forward", law, real, nodal)
     def run(
         # in:
-        lattice: Lattice,
+        lattice: t.Lattice,
         start: int,
         stop: int,
         keep: int,
         stride: int,
-        material: Material,
+        materials: t.Materials,
         drag: wp.array(dtype=real),
         # out:
-        states: States,
-        momentum: wp.array(dtype=vec4),
-        velocity: wp.array(dtype=vec4),
+        states: t.States,
+        momentum: wp.array(dtype=t.vec4),
+        velocity: wp.array(dtype=t.vec4),
         flag: wp.array(dtype=wp.int64),
     ):
+        particles = states.x.shape[1]
+        for p in range(particles):
+            begin(p, lattice, 0, states, materials, momentum)
         for n in range(start, stop):
             slot = (n - start) * keep
-            for p in range(states.x.shape[1]):
-                p2g(p, lattice, slot, states, material, momentum)
             for i in range(lattice.nx * lattice.ny * lattice.nz):
                 grid(i, lattice, slot * stride, drag, momentum, velocity)
-            for p in range(states.x.shape[1]):
-                g2p(p, lattice, slot, slot + keep, n, slot * stride, velocity, states, flag)
+            for p in range(particles):
+                advance(p, lattice, slot, slot + keep, n, n + 1 == stop, slot * stride, materials, velocity, states, momentum, flag)
 
     return run
 
@@ -67,122 +178,140 @@ def serial_forward(law: str, real: type, nodal: bool) -> Any:
 @cache
 def serial_adjoint(law: str, real: type, nodal: bool) -> Any:
     """Kernel of one thread: back over the substeps of slots count - 1 .. 0; velocities are recomputed where stride = 0."""
-    part, back, t = forward(law, real, nodal), adjoint(law, real, nodal), common(real)
-    vec4, Lattice, States, Material, StateBar = t.vec4, t.Lattice, t.States, t.Material, t.StateBar
-    p2g, grid = part.p2g, part.grid
-    g2p_adjoint, grid_adjoint, p2g_adjoint = back.g2p_adjoint, back.grid_adjoint, back.p2g_adjoint
+    grid, grid_adjoint, t = forward(law, real, nodal).grid, adjoint(law, real, nodal).grid_adjoint, common(real)
+    begin, part = particle_forward(law, real, nodal).begin, particle_adjoint(law, real, nodal)
+    enter, retreat = part.enter, part.retreat
 
     @kernel("serial_adjoint", law, real, nodal)
     def reverse(
         # in:
-        lattice: Lattice,
+        lattice: t.Lattice,
         count: int,
         stride: int,
-        material: Material,
+        materials: t.Materials,
         drag: wp.array(dtype=real),
-        states: States,
-        momentum: wp.array(dtype=vec4),
-        velocity: wp.array(dtype=vec4),
+        states: t.States,
+        momentum: wp.array(dtype=t.vec4),
+        velocity: wp.array(dtype=t.vec4),
         # out:
-        bar: StateBar,
-        material_bar: Material,
-        velocity_bar: wp.array(dtype=vec4),
-        momentum_bar: wp.array(dtype=vec4),
+        bars: t.States,
+        materials_bar: t.Materials,
+        velocity_bar: wp.array(dtype=t.vec4),
+        momentum_bar: wp.array(dtype=t.vec4),
         drag_bar: wp.array(dtype=real),
     ):
         particles = states.x.shape[1]
         nodes = lattice.nx * lattice.ny * lattice.nz
-        for back in range(count):
-            slot = count - 1 - back
-            if stride == 0:
+        for back in range(count + 1):
+            slot = count - back
+            if slot < count:
+                for i in range(nodes):
+                    grid_adjoint(i, slot * stride, drag, velocity, velocity_bar, momentum_bar, drag_bar)
+            if stride == 0 and slot > 0:
                 for p in range(particles):
-                    p2g(p, lattice, slot, states, material, momentum)
+                    begin(p, lattice, slot - 1, states, materials, momentum)
                 for i in range(nodes):
                     grid(i, lattice, 0, drag, momentum, velocity)
             for p in range(particles):
-                g2p_adjoint(p, lattice, slot, slot + 1, slot * stride, states, velocity, bar, velocity_bar)
-            for i in range(nodes):
-                grid_adjoint(i, slot * stride, drag, velocity, velocity_bar, momentum_bar, drag_bar)
-            for p in range(particles):
-                p2g_adjoint(p, lattice, slot, states, material, momentum_bar, bar, material_bar)
+                if slot == count:
+                    enter(p, lattice, slot - 1, (slot - 1) * stride, states, materials, velocity, bars, materials_bar, velocity_bar)
+                else:
+                    retreat(
+                        p,
+                        lattice,
+                        slot,
+                        (slot - 1) * stride,
+                        states,
+                        materials,
+                        velocity,
+                        momentum_bar,
+                        bars,
+                        materials_bar,
+                        velocity_bar,
+                    )
 
     return reverse
 
 
 @cache
 def parallel_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
-    """Kernels p2g and g2p over particles, grid over nodes."""
-    part, t = forward(law, real, nodal), common(real)
-    vec4, Lattice, States, Material = t.vec4, t.Lattice, t.States, t.Material
-    p2g_of, grid_of, g2p_of = part.p2g, part.grid, part.g2p
+    """Kernels begin and advance over particles, grid over nodes."""
+    grid_of, part, t = forward(law, real, nodal).grid, particle_forward(law, real, nodal), common(real)
+    begin_of, advance_of = part.begin, part.advance
     of_module = kernel("parallel_forward", law, real, nodal)
 
     @of_module
-    def p2g(lattice: Lattice, slot: int, states: States, material: Material, momentum: wp.array(dtype=vec4)):
-        p2g_of(wp.tid(), lattice, slot, states, material, momentum)
+    def begin(lattice: t.Lattice, slot: int, states: t.States, materials: t.Materials, momentum: wp.array(dtype=t.vec4)):
+        begin_of(wp.tid(), lattice, slot, states, materials, momentum)
 
     @of_module
-    def grid(lattice: Lattice, at: int, drag: wp.array(dtype=real), momentum: wp.array(dtype=vec4), velocity: wp.array(dtype=vec4)):
+    def grid(lattice: t.Lattice, at: int, drag: wp.array(dtype=real), momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
         grid_of(wp.tid(), lattice, at, drag, momentum, velocity)
 
     @of_module
-    def g2p(
-        lattice: Lattice,
+    def advance(
+        lattice: t.Lattice,
         slot: int,
         next_slot: int,
         substep: int,
+        ends: int,
         at: int,
-        velocity: wp.array(dtype=vec4),
-        states: States,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        states: t.States,
+        momentum: wp.array(dtype=t.vec4),
         flag: wp.array(dtype=wp.int64),
     ):
-        g2p_of(wp.tid(), lattice, slot, next_slot, substep, at, velocity, states, flag)
+        advance_of(wp.tid(), lattice, slot, next_slot, substep, ends != 0, at, materials, velocity, states, momentum, flag)
 
-    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p)
+    return SimpleNamespace(begin=begin, grid=grid, advance=advance)
 
 
 @cache
 def parallel_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
-    """Kernels g2p_adjoint and p2g_adjoint over particles, grid_adjoint over nodes."""
-    part, t = adjoint(law, real, nodal), common(real)
-    vec4, Lattice, States, Material, StateBar = t.vec4, t.Lattice, t.States, t.Material, t.StateBar
-    g2p_of, grid_of, p2g_of = part.g2p_adjoint, part.grid_adjoint, part.p2g_adjoint
+    """Kernels enter and retreat over particles, grid_adjoint over nodes."""
+    grid_of, part, t = adjoint(law, real, nodal).grid_adjoint, particle_adjoint(law, real, nodal), common(real)
+    enter_of, retreat_of = part.enter, part.retreat
     of_module = kernel("parallel_adjoint", law, real, nodal)
 
     @of_module
-    def g2p_adjoint(
-        lattice: Lattice,
+    def enter(
+        lattice: t.Lattice,
         slot: int,
-        next_slot: int,
         at: int,
-        states: States,
-        velocity: wp.array(dtype=vec4),
-        bar: StateBar,
-        velocity_bar: wp.array(dtype=vec4),
+        states: t.States,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        bars: t.States,
+        materials_bar: t.Materials,
+        velocity_bar: wp.array(dtype=t.vec4),
     ):
-        g2p_of(wp.tid(), lattice, slot, next_slot, at, states, velocity, bar, velocity_bar)
+        enter_of(wp.tid(), lattice, slot, at, states, materials, velocity, bars, materials_bar, velocity_bar)
 
     @of_module
     def grid_adjoint(
         at: int,
         drag: wp.array(dtype=real),
-        velocity: wp.array(dtype=vec4),
-        velocity_bar: wp.array(dtype=vec4),
-        momentum_bar: wp.array(dtype=vec4),
+        velocity: wp.array(dtype=t.vec4),
+        velocity_bar: wp.array(dtype=t.vec4),
+        momentum_bar: wp.array(dtype=t.vec4),
         drag_bar: wp.array(dtype=real),
     ):
         grid_of(wp.tid(), at, drag, velocity, velocity_bar, momentum_bar, drag_bar)
 
     @of_module
-    def p2g_adjoint(
-        lattice: Lattice,
+    def retreat(
+        lattice: t.Lattice,
         slot: int,
-        states: States,
-        material: Material,
-        momentum_bar: wp.array(dtype=vec4),
-        bar: StateBar,
-        material_bar: Material,
+        at: int,
+        states: t.States,
+        materials: t.Materials,
+        velocity: wp.array(dtype=t.vec4),
+        momentum_bar: wp.array(dtype=t.vec4),
+        bars: t.States,
+        materials_bar: t.Materials,
+        velocity_bar: wp.array(dtype=t.vec4),
     ):
-        p2g_of(wp.tid(), lattice, slot, states, material, momentum_bar, bar, material_bar)
+        retreat_of(wp.tid(), lattice, slot, at, states, materials, velocity, momentum_bar, bars, materials_bar, velocity_bar)
 
-    return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)
+    return SimpleNamespace(enter=enter, grid_adjoint=grid_adjoint, retreat=retreat)

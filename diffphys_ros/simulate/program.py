@@ -62,14 +62,14 @@ class Serial:
     @cached_property
     def _forward(self) -> wp.Launch:
         v, s = self.view, self.view.scratch
-        inputs = [v.lattice, 0, 0, 0, 0, s.material, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4), s.see(s.flag)]
+        inputs = [v.lattice, 0, 0, 0, 0, s.materials, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4), s.see(s.flag)]
         return v.launch(serial_forward(*v.variant), 1, inputs)
 
     @cached_property
     def _adjoint(self) -> wp.Launch:
         v, s = self.view, self.view.scratch
-        known = [s.material, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4)]
-        bars = [s.bar, s.material_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4), s.see(s.drag_bar)]
+        known = [s.materials, s.drag, s.states(v.states), s.momentum_view, s.see(v.velocity, 4)]
+        bars = [s.bars, s.materials_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4), s.see(s.drag_bar)]
         return v.launch(serial_adjoint(*v.variant), 1, [v.lattice, 0, 0, *known, *bars])
 
 
@@ -80,25 +80,28 @@ class Parallel:
         self.view = view
 
     def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
-        p2g, grid, g2p = self._enter(self._forward)
+        begin, grid, advance = self._enter(self._forward)
         with _torch_stream(self.view.states.device):
+            _launch(begin, {1: 0})
             for n in range(start, stop):
                 slot = (n - start) * keep
-                _launch(p2g, {1: slot})
                 _launch(grid, {1: slot * stride})
-                _launch(g2p, {1: slot, 2: slot + keep, 3: n, 4: slot * stride})
+                _launch(advance, {1: slot, 2: slot + keep, 3: n, 4: int(n + 1 == stop), 5: slot * stride})
 
     def reverse(self, count: int, *, stride: int) -> None:
-        p2g, grid, _ = self._enter(self._forward)
-        g2p_adjoint, grid_adjoint, p2g_adjoint = self._enter(self._adjoint)
+        begin, grid, _ = self._enter(self._forward)
+        enter, grid_adjoint, retreat = self._enter(self._adjoint)
         with _torch_stream(self.view.states.device):
-            for slot in reversed(range(count)):
-                if not stride:
-                    _launch(p2g, {1: slot})
+            for slot in reversed(range(count + 1)):
+                if slot < count:
+                    _launch(grid_adjoint, {0: slot * stride})
+                if not stride and slot:
+                    _launch(begin, {1: slot - 1})
                     _launch(grid, {1: 0})
-                _launch(g2p_adjoint, {1: slot, 2: slot + 1, 3: slot * stride})
-                _launch(grid_adjoint, {0: slot * stride})
-                _launch(p2g_adjoint, {1: slot})
+                if slot < count:
+                    _launch(retreat, {1: slot, 2: (slot - 1) * stride})
+                else:
+                    _launch(enter, {1: slot - 1, 2: (slot - 1) * stride})
 
     def _enter(self, launches: list[wp.Launch]) -> list[wp.Launch]:
         """Set the present box; the middle launch runs over nodes."""
@@ -113,9 +116,9 @@ class Parallel:
         v, s, k = self.view, self.view.scratch, parallel_forward(*self.view.variant)
         count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
         return [
-            v.launch(k.p2g, count, [v.lattice, 0, states, s.material, s.momentum_view]),
+            v.launch(k.begin, count, [v.lattice, 0, states, s.materials, s.momentum_view]),
             v.launch(k.grid, v.nodes, [v.lattice, 0, s.drag, s.momentum_view, velocity]),
-            v.launch(k.g2p, count, [v.lattice, 0, 0, 0, 0, velocity, states, s.see(s.flag)]),
+            v.launch(k.advance, count, [v.lattice, 0, 0, 0, 0, 0, s.materials, velocity, states, s.momentum_view, s.see(s.flag)]),
         ]
 
     @cached_property
@@ -123,10 +126,11 @@ class Parallel:
         v, s, k = self.view, self.view.scratch, parallel_adjoint(*self.view.variant)
         count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
         velocity_bar, momentum_bar = s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4)
+        known, bars = [states, s.materials, velocity], [s.bars, s.materials_bar, velocity_bar]
         return [
-            v.launch(k.g2p_adjoint, count, [v.lattice, 0, 0, 0, states, velocity, s.bar, velocity_bar]),
+            v.launch(k.enter, count, [v.lattice, 0, 0, *known, *bars]),
             v.launch(k.grid_adjoint, v.nodes, [0, s.drag, velocity, velocity_bar, momentum_bar, s.see(s.drag_bar)]),
-            v.launch(k.p2g_adjoint, count, [v.lattice, 0, states, s.material, momentum_bar, s.bar, s.material_bar]),
+            v.launch(k.retreat, count, [v.lattice, 0, 0, *known, momentum_bar, *bars]),
         ]
 
 

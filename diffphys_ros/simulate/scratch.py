@@ -57,8 +57,8 @@ class Scratch:
         self.velocity_bar, self.momentum_bar = zeros(nodes, 4), zeros(nodes, 4)
         self.drag_bar = zeros(nodes)
         self.momentum_view, self.drag = self.see(self.momentum, 4), self.see(self.inputs.drag)
-        self.material, self.material_bar = self._material(self.inputs), self._material(self.inputs_bar)
-        self.bar = self._fill(common(self.real).StateBar(), self.state_bar)
+        self.materials, self.materials_bar = self._materials(self.inputs), self._materials(self.inputs_bar)
+        self.bars = self.states(self.state_bar[None])
 
     def begin_forward(self, values: tuple[Tensor, ...]) -> None:
         """Take a frame's inputs; forget what an interrupted or diverged run left behind."""
@@ -75,7 +75,11 @@ class Scratch:
 
     def states(self, data: Tensor) -> Any:
         """Warp's view of states (slots, P, 24)."""
-        return self._fill(common(self.real).States(), data)
+        t = common(self.real)
+        fields = t.States()
+        fields.x, fields.v = (wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6)))
+        fields.C, fields.F = (wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24)))
+        return fields
 
     def see(self, tensor: Tensor, length: int = 0) -> Any:
         """Warp view of a tensor of scalars, or of vectors of a length."""
@@ -83,15 +87,8 @@ class Scratch:
             return wp.from_torch(tensor, dtype=wp.int64)
         return wp.from_torch(tensor, dtype=wp.types.vector(length, self.real) if length else self.real)
 
-    def _fill(self, fields: Any, data: Tensor) -> Any:
-        """A struct's x, v, C, F seen in data (..., P, 24)."""
-        t = common(self.real)
-        fields.x, fields.v = (wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6)))
-        fields.C, fields.F = (wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24)))
-        return fields
-
-    def _material(self, i: Inputs) -> Any:
-        m, see = common(self.real).Material(), self.see
+    def _materials(self, i: Inputs) -> Any:
+        m, see = common(self.real).Materials(), self.see
         m.mu, m.lam, m.body, m.mass = see(i.mu), see(i.lam), see(i.body, 3), see(i.mass)
         m.volume, m.node_force = see(self.volume), see(i.node_force, 3)
         return m
