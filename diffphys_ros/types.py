@@ -185,7 +185,7 @@ class Grid:
     origin: np.ndarray  # [m], shape (3,)
     dx: float  # [m]
     size: tuple[int, int, int]  # nodes along each axis
-    clamp_index: int = -1  # nodes with first index <= clamp_index are held (the clamped face lies on it); -1: none
+    clamp_index: int = -1  # nodes with first index <= clamp_index are held (the clamped face lies a sixth of a cell before that plane); -1: none
 
 
 @dataclass(frozen=True)

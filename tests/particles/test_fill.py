@@ -55,13 +55,32 @@ def test_first_moments_are_those_of_the_body() -> None:
     assert (v @ x)[2] == pytest.approx(0, abs=1e-12)
 
 
-def test_lattice_planes_lie_on_the_clamp_and_about_the_mid_plane() -> None:
+def test_lattice_planes_lie_on_the_clamp_and_layers_about_the_mid_plane() -> None:
     particles = fill(made_body(), 0.004, 2.0)
     x = particles.x_rest
     assert np.allclose(np.unique(np.round((x[:, 0] / 0.002) % 1, 6)), 0.5)
-    assert np.allclose(np.unique(np.round(x[:, 2], 9)), (np.arange(8) - 3.5) * 0.002)
+    assert np.allclose(np.unique(np.round(x[:, 2], 9)), (np.arange(8) - 3.5) * 0.002 / np.sqrt(1 - 1 / 64))
     assert (particles.ghost == (x[:, 0] < 0)).all()
-    assert x[:, 0].min() == pytest.approx(-0.007)
+    assert x[:, 0].min() == pytest.approx(-0.001)
+
+
+@pytest.mark.parametrize("per_cell", [1.0, 1.5, 2.0, 2.3])
+def test_second_moments_of_every_slice_of_a_bar_are_the_solids(per_cell: float) -> None:
+    particles = fill(made_body(), 0.005, per_cell)
+    x, v = particles.x_rest, particles.volume
+    slice_of = np.rint(x[:, 0] / (0.005 / per_cell) - 0.5)
+    for at in (slice_of == k for k in range(int(slice_of.max()))):  # the last is cut short
+        assert np.average(x[at, 1] ** 2, weights=v[at]) == pytest.approx(0.02**2 / 12, rel=1e-3)  # the raster's edges
+        assert np.average(x[at, 2] ** 2, weights=v[at]) == pytest.approx(0.016**2 / 12, rel=1e-9)
+
+
+def test_second_moments_of_a_ragged_body_are_those_of_its_columns() -> None:
+    body = made_body(ragged=True)
+    particles = fill(body, 0.005, 1.5)
+    x, v = particles.x_rest[particles.own], particles.volume[particles.own]
+    cells, half = body.origin + PITCH * np.argwhere(body.inside), body.half_thickness[body.inside]
+    assert np.average(x[:, 1] ** 2, weights=v) == pytest.approx(np.average(cells[:, 1] ** 2, weights=half), rel=0.01)
+    assert np.average(x[:, 2] ** 2, weights=v) == pytest.approx(np.average(half**2 / 3, weights=half), rel=0.01)
 
 
 def test_no_ghosts_without_a_clamp() -> None:
@@ -112,10 +131,10 @@ def test_moving_particles_keep_their_stencil_inside_the_grid(clamped: bool, dx: 
         assert (node + 2 < grid.size).all()
 
 
-def test_the_clamp_lies_on_a_plane_of_nodes() -> None:
+def test_the_held_plane_of_nodes_lies_a_sixth_of_a_cell_beyond_the_clamped_face() -> None:
     particles = fill(made_body(), 0.0053, 1.0)
     grid = fit_grid(particles, dx=0.0053, reach_m=0.01, clamped=True)
-    assert grid.origin[0] + grid.dx * grid.clamp_index == pytest.approx(0, abs=1e-12)
+    assert grid.origin[0] + grid.dx * grid.clamp_index == pytest.approx(0.0053 / 6, abs=1e-12)
     assert fit_grid(particles, dx=0.0053, reach_m=0.01, clamped=False).clamp_index == -1
 
 
