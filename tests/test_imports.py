@@ -15,7 +15,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config"}
-SHARED = {"local_plane", "footprints"}  # what several stages need alike; imports the ground alone
+SHARED = {"correspondence", "local_plane", "footprints"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "modes", "splats", "fields", "simulate", "render", "losses"}
 LEAVES = {"bags", "msg_schemas"}
 OUTPUT = {"store", "result", "report", "score"}
@@ -43,7 +43,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 DOORS: dict[str, set[str]] = {
     "warp": {"simulate", "render"},
     "skfem": {"modes/elements.py", "modes/mesh.py"},
-    "cv2": {"segment", "tracks", "particles", "depth", "bags"},
+    "cv2": {"correspondence.py", "segment", "tracks", "particles", "depth", "bags"},
     "rclpy": {"nodes"},
     "mcap": {"bags"},
     "mcap_ros2": {"bags"},

@@ -1,29 +1,74 @@
-"""Labels of frame 0 carried to every frame by dense optical flow."""
+"""Labels of frame 0 carried to every frame."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from ..correspondence import Matching, normalised, seed_points, track_pixels
+from ..types import IGNORE
+from .colour import settle_by_colour
+from .interpolate import interpolated_sources
+
+TRACKS = 150
+MATCHING = Matching(window_px=15, round_trip_px=0.4)
 
 
 def propagate(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Label images (T, H, W) uint8 from that of frame 0 (H, W).
 
-    DIS flow (Kroeger et al. 2016) from every frame straight back to frame 0, started from the flow of the frame before, so that
-    errors do not add up; each pixel takes the label that it came from. Frames (T, H, W, 3) RGB; frames that were not received
-    (`seen` false) repeat the labels before them.
+    Two opinions where a pixel came from: dense flow, which follows whatever the object uncovers, and the motion of a few points
+    on the object continued beyond its border, which misses faces that turn into view. Where they disagree, colour decides.
+    Frames (T, H, W, 3) RGB; frames that were not received (`seen` false) repeat the labels before them.
     """
+    by_flow = _by_flow(frames, seen, first)
+    by_tracks = _by_tracks(frames, seen, by_flow)
+    labels = by_flow.copy()
+    for k in range(1, len(frames)):
+        labels[k] = _settled(frames[k], by_flow[k], by_tracks[k]) if seen[k] else labels[k - 1]
+    return labels
+
+
+def _by_flow(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """DIS flow (Kroeger et al. 2016) from every frame straight back to frame 0, started from the flow of the frame before, so that
+    errors do not add up."""
     flow_of = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
     grid = np.stack(np.meshgrid(np.arange(first.shape[1]), np.arange(first.shape[0])), -1).astype(np.float32)
     labels, flow = np.repeat(first[None], len(frames), 0), None
-    for k in range(1, len(frames)):
-        if not seen[k]:
-            labels[k] = labels[k - 1]
-            continue
+    for k in np.flatnonzero(seen[1:]) + 1:
         flow = flow_of.calc(grey[k], grey[0], flow)
         labels[k] = _warped(first, grid + flow)
     return labels
+
+
+def _by_tracks(frames: np.ndarray, seen: np.ndarray, by_flow: np.ndarray) -> np.ndarray:
+    """Labels by the motion of tracked points of the object, on and around what the flow labels; those of the flow without tracks."""
+    images = [normalised(frame) for frame in frames]
+    first, labels = by_flow[0], by_flow.copy()
+    start = seed_points(images[0], _object(first), spacing_px=4, most=TRACKS)
+    pixels, valid = track_pixels(images, start, seen, MATCHING)
+    for k in np.flatnonzero(seen[1:]) + 1:
+        source = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]))
+        if source is not None:
+            labels[k] = _warped(first, source)
+    return labels
+
+
+def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray) -> np.ndarray:
+    """One label image from two: part numbers by the flow, or by the nearest pixel where it saw none."""
+    inside = settle_by_colour(frame, _object(by_flow), _object(by_tracks))
+    ignored = by_flow == IGNORE
+    known = _object(by_flow) & inside
+    if not known.any():
+        return by_flow
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.where(ignored, IGNORE, np.where(inside, by_flow[tuple(nearest)], 0)).astype(np.uint8)
+
+
+def _object(labels: np.ndarray) -> np.ndarray:
+    return (labels > 0) & (labels != IGNORE)
 
 
 def _warped(first: np.ndarray, source: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..config import Settings
+from ..correspondence import Matching, normalised, seed_points, track_pixels
 from ..errors import InputError
 from ..types import IGNORE, Clip, Tracks
-from .flow import Matching, normalised, seed_points, track_pixels
 from .lift import points_from_depth, points_on_planes, without_oddities
 from .noise import displacement_noise, track_residuals
 
@@ -37,7 +37,7 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE) & (depth0 > 0)
     start = seed_points(images[0], mask, spacing_px=settings.tracks.spacing_px, most=MOST_TRACKS)
     matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
-    pixels, valid = track_pixels(images, start, clip.seen, matching) if len(start) else (np.zeros((len(clip), 0, 2)), np.zeros((len(clip), 0), bool))
+    pixels, valid = track_pixels(images, start, clip.seen, matching)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
     valid = without_oddities(points, valid)
     keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)

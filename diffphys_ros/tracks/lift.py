@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..correspondence import neighbour_median
 from ..local_plane import plane_depth
 from ..types import Camera, Clip
-from .neighbours import neighbour_median
 
 LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane
 LARGEST_ODDITY = 6.0  # of a displacement from its neighbours' median, in robust standard deviations over all points

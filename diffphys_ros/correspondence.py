@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-
-from .neighbours import neighbour_median
+from scipy.spatial import cKDTree
 
 LARGEST_JUMP_PX = 3.0  # from the prediction of the frame before
 LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
 DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
+NEIGHBOURS = 9  # points whose median a point is compared with
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,8 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
     pixels = np.repeat(start[None], len(images), 0)
     valid = np.zeros((len(images), len(start)), bool)
     valid[0] = True
+    if not len(start):
+        return pixels, valid
     last = 0
     for k in range(1, len(images)):
         pixels[k] = pixels[last]
@@ -101,3 +103,11 @@ def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.nd
 
 def _agreeing(start: np.ndarray, displacement: np.ndarray, good: np.ndarray) -> np.ndarray:
     return good & (np.linalg.norm(displacement - neighbour_median(start, displacement, good), axis=1) < LARGEST_ODDITY_PX)
+
+
+def neighbour_median(start: np.ndarray, values: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Median of values (M, C) over the nearest good points (M,) of positions start (M, d); zeros where too few are good."""
+    if good.sum() < NEIGHBOURS:
+        return np.zeros_like(values)
+    _, index = cKDTree(start[good]).query(start, k=NEIGHBOURS)
+    return np.median(values[good][index], 1)

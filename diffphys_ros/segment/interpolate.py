@@ -1,0 +1,54 @@
+"""The motion of a few points, continued to the pixels around them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+STEP_PX = 4  # distance of the pixels at which the motion is evaluated; bilinear between them
+NEIGHBOURS = 8  # points that one pixel listens to
+REACH_PX = 12.0  # within which they count alike; half the distance of the farthest of them where they lie apart
+RIGIDITY_PX2 = 4.0  # added to the points' second moment: few points in a line move a pixel along with them, no more
+AROUND_PX = 4  # beyond the pixels asked for
+
+
+def interpolated_sources(now: np.ndarray, before: np.ndarray, near: np.ndarray) -> np.ndarray | None:
+    """Where pixels came from: positions in frame 0, float32 (H, W, 2), by locally affine motion (moving least squares, Schaefer et
+    al. 2006) of points now at `now` (M, 2) that were at `before` (M, 2) [px].
+
+    Evaluated on and around the pixels `near` (H, W); pixels elsewhere come from far outside. None where fewer than 8 points are known.
+    """
+    if len(now) < NEIGHBOURS:
+        return None
+    height, width = near.shape
+    rows, columns = (np.arange(-(-n // STEP_PX) + 1) * STEP_PX for n in (height, width))
+    coarse = np.stack(np.meshgrid(columns, rows), -1).astype(float)
+    wide = cv2.dilate(near.astype(np.uint8), np.ones((2 * AROUND_PX + 1,) * 2)) > 0
+    motion = np.zeros_like(coarse)
+    wanted = _touched(wide, coarse.shape[:2])
+    motion[wanted] = _affine_motion(coarse[wanted], now.astype(float), before.astype(float))
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+    fine = cv2.remap(motion.astype(np.float32), grid[..., 0] / STEP_PX, grid[..., 1] / STEP_PX, cv2.INTER_LINEAR)
+    return np.where(wide[..., None], grid + fine, np.float32(-2 * max(height, width)))
+
+
+def _touched(wide: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Nodes (rows, columns) of the coarse grid with a wanted pixel within a step."""
+    rows, columns = np.nonzero(wide)
+    touched = np.zeros(shape, np.uint8)
+    touched[rows // STEP_PX, columns // STEP_PX] = 1
+    return cv2.dilate(touched, np.ones((2, 2)), anchor=(1, 1)) > 0
+
+
+def _affine_motion(at: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Displacements to frame 0 (N, 2) at pixels (N, 2): a weighted affine fit of the nearest points each."""
+    distance, index = cKDTree(now).query(at, k=NEIGHBOURS)
+    weight = np.exp(-0.5 * (distance / np.maximum(REACH_PX, 0.5 * distance[:, -1:])) ** 2)
+    weight /= weight.sum(1, keepdims=True)
+    point, moved = now[index], (before - now)[index]
+    centre, mean = (np.einsum("nk,nka->na", weight, a) for a in (point, moved))
+    arm = point - centre[:, None]
+    second = np.einsum("nk,nka,nkb->nab", weight, arm, arm) + RIGIDITY_PX2 * np.eye(2)
+    cross = np.einsum("nk,nka,nkb->nab", weight, arm, moved - mean[:, None])
+    return mean + np.einsum("na,nab->nb", at - centre, np.linalg.solve(second, cross))
