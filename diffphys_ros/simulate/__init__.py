@@ -1,8 +1,11 @@
 """Explicit, differentiable MLS-MPM in Warp, CPU and CUDA from one source; torch outside (paper section 3.3)."""
 
+from .borders import Handle, Plane
 from .damping import ModalDamping
+from .force_lattice import ForceLattice
+from .handle import substep_poses
 from .stability import max_young, substeps_per_frame
 from .state import State
 from .transition import Simulator
 
-__all__ = ["ModalDamping", "Simulator", "State", "max_young", "substeps_per_frame"]
+__all__ = ["ForceLattice", "Handle", "ModalDamping", "Plane", "Simulator", "State", "max_young", "substep_poses", "substeps_per_frame"]

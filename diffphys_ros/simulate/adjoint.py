@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .common import common
+from .contact import contact
 from .forward import forward
 from .laws import law_of
 from .transfer import stencil, transfer
@@ -23,20 +24,22 @@ from .transfer import stencil, transfer
 
 
 @cache
-def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
+def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint; arguments as for forward.forward."""
-    model, t, momentum_field = law_of(law, real), common(real), forward(law, real, nodal).momentum_field
+    model, t, momentum_field = law_of(law, real), common(real), forward(law, real, nodal, bordered).momentum_field
     stress_adjoint, project_adjoint = model.stress_adjoint, model.project_adjoint
     vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
-    cell, inside, affine, gradient, lower, around, Load = (
+    cell, inside, affine, gradient, lower, lift, around, Load = (
         t.cell,
         t.inside,
         t.affine,
         t.gradient,
         t.lower,
+        t.lift,
         stencil(real).around,
         stencil(real).Load,
     )
+    Borders, meet_adjoint = contact(real, bordered).Borders, contact(real, bordered).meet_adjoint
     scatter_slope = transfer(real, scatters=True, slopes=True)
     gather_slope = transfer(real, gathers=True, slopes=True, loaded=nodal)
 
@@ -71,12 +74,16 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
     @wp.func
     def grid_adjoint(
         n: int,
+        lattice: Lattice,
         at: int,
+        substep: int,
         drag: wp.array(dtype=real),
+        borders: Borders,
         velocity: wp.array(dtype=vec4),
         velocity_bar: wp.array(dtype=vec4),
         momentum_bar: wp.array(dtype=vec4),
         drag_bar: wp.array(dtype=real),
+        borders_bar: Borders,
     ):
         b = velocity_bar[n]
         if b[0] == real(0.0) and b[1] == real(0.0) and b[2] == real(0.0):
@@ -85,6 +92,10 @@ def adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
         velocity_bar[n] = vec4()
         v = velocity[at + n]
         scale = v[3]
+        if wp.static(bordered):  # noqa: SIM102 (static: compiled or not)
+            if scale != real(0.0):
+                v = velocity[at + lattice.nx * lattice.ny * lattice.nz + n]
+                b = lift(meet_adjoint(lattice, borders, substep, n, lower(v), lower(b), borders_bar), real(0.0))
         along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / drag[0]
         momentum_bar[n] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
         drag_bar[n] = drag_bar[n] + along

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .common import common
+from .contact import contact
 from .laws import law_of
 from .transfer import stencil, transfer
 
@@ -23,14 +24,16 @@ LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep *
 
 
 @cache
-def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
-    """Warp functions p2g, grid, g2p, check for a law's name and a scalar type; `nodal`: a force density on the nodes acts too."""
+def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
+    """Warp functions p2g, grid, g2p, check for a law's name and a scalar type; `nodal`: a force density on the nodes acts too;
+    `bordered`: nodes meet planes and a handle, and what velocity they had before follows the `velocity` of all nodes."""
     model, t = law_of(law, real), common(real)
     stress, project = model.stress, model.project
     vec3, vec4, Lattice, Particle, Material = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material
     cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
     around = stencil(real).around
     Load = stencil(real).Load
+    Borders, meet = contact(real, bordered).Borders, contact(real, bordered).meet
     scatter, gather = transfer(real, scatters=True, loaded=nodal), transfer(real, gathers=True)
 
     @wp.func
@@ -51,7 +54,16 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
             scatter(around(lattice, u), momentum_field(lattice, particle, material), momentum, 0, momentum, load)
 
     @wp.func
-    def grid(n: int, lattice: Lattice, at: int, drag: wp.array(dtype=real), momentum: wp.array(dtype=vec4), velocity: wp.array(dtype=vec4)):
+    def grid(
+        n: int,
+        lattice: Lattice,
+        at: int,
+        substep: int,
+        drag: wp.array(dtype=real),
+        borders: Borders,
+        momentum: wp.array(dtype=vec4),
+        velocity: wp.array(dtype=vec4),
+    ):
         q = momentum[n]
         if q[3] == real(0.0):
             return
@@ -61,7 +73,9 @@ def forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
         else:
             scale = drag[0] / q[3]
             v = scale * lower(q)
-            velocity[at + n] = lift(v, scale)
+            velocity[at + n] = lift(meet(lattice, borders, substep, n, v), scale)
+            if wp.static(bordered):
+                velocity[at + lattice.nx * lattice.ny * lattice.nz + n] = lift(v, scale)
 
     @wp.func
     def g2p(lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):

@@ -14,6 +14,7 @@ import warp as wp
 
 from .adjoint import adjoint
 from .common import common
+from .contact import contact
 from .forward import forward
 
 # Warp reads annotations as values, which mypy cannot:
@@ -22,17 +23,17 @@ from .forward import forward
 OPTIONS = {"enable_backward": False, "max_unroll": 3}
 
 
-def kernel(name: str, law: str, real: type, nodal: bool) -> Any:
+def kernel(name: str, law: str, real: type, nodal: bool, bordered: bool) -> Any:
     """Decorator that puts a kernel into the Warp module of this name and variant."""
-    module = wp.get_module(f"diffphys_ros.simulate.{name}_{law}_{real.__name__}" + ("_nodal" if nodal else ""))
+    module = wp.get_module(f"diffphys_ros.simulate.{name}_{law}_{real.__name__}" + "_nodal" * nodal + "_bordered" * bordered)
     module.options |= OPTIONS
     return wp.kernel(enable_backward=False, module=module)
 
 
 @cache
-def particle_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
+def particle_forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Warp functions over one particle: `begin` a run of substeps, `advance` to the next slot and begin from there."""
-    part, t = forward(law, real, nodal), common(real)
+    part, t = forward(law, real, nodal, bordered), common(real)
     p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
 
     @wp.func
@@ -65,9 +66,9 @@ def particle_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
 
 
 @cache
-def particle_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
+def particle_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Warp functions over one particle: `enter` a run of substeps from its end, `retreat` over p2g and the g2p before it."""
-    part, t = adjoint(law, real, nodal), common(real)
+    part, t = adjoint(law, real, nodal, bordered), common(real)
     g2p_adjoint, p2g_adjoint, load, store, material_of, put_material = (
         part.g2p_adjoint,
         part.p2g_adjoint,
@@ -140,13 +141,14 @@ def particle_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
 
 
 @cache
-def serial_forward(law: str, real: type, nodal: bool) -> Any:
+def serial_forward(law: str, real: type, nodal: bool, bordered: bool) -> Any:
     """Kernel of one thread: substeps start .. stop - 1. With keep = 1 every state has its slot, and velocities start at
     slot * stride; with keep = 0 all happens in slot 0."""
-    grid, part, t = forward(law, real, nodal).grid, particle_forward(law, real, nodal), common(real)
+    grid, part, t = forward(law, real, nodal, bordered).grid, particle_forward(law, real, nodal, bordered), common(real)
+    Borders = contact(real, bordered).Borders
     begin, advance = part.begin, part.advance
 
-    @kernel("serial_forward", law, real, nodal)
+    @kernel("serial_forward", law, real, nodal, bordered)
     def run(
         # in:
         lattice: t.Lattice,
@@ -156,6 +158,7 @@ def serial_forward(law: str, real: type, nodal: bool) -> Any:
         stride: int,
         materials: t.Materials,
         drag: wp.array(dtype=real),
+        borders: Borders,
         # out:
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
@@ -168,7 +171,7 @@ def serial_forward(law: str, real: type, nodal: bool) -> Any:
         for n in range(start, stop):
             slot = (n - start) * keep
             for i in range(lattice.nx * lattice.ny * lattice.nz):
-                grid(i, lattice, slot * stride, drag, momentum, velocity)
+                grid(i, lattice, slot * stride, n, drag, borders, momentum, velocity)
             for p in range(particles):
                 advance(p, lattice, slot, slot + keep, n, n + 1 == stop, slot * stride, materials, velocity, states, momentum, flag)
 
@@ -176,20 +179,23 @@ def serial_forward(law: str, real: type, nodal: bool) -> Any:
 
 
 @cache
-def serial_adjoint(law: str, real: type, nodal: bool) -> Any:
+def serial_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> Any:
     """Kernel of one thread: back over the substeps of slots count - 1 .. 0; velocities are recomputed where stride = 0."""
-    grid, grid_adjoint, t = forward(law, real, nodal).grid, adjoint(law, real, nodal).grid_adjoint, common(real)
-    begin, part = particle_forward(law, real, nodal).begin, particle_adjoint(law, real, nodal)
+    grid, grid_adjoint, t = forward(law, real, nodal, bordered).grid, adjoint(law, real, nodal, bordered).grid_adjoint, common(real)
+    Borders = contact(real, bordered).Borders
+    begin, part = particle_forward(law, real, nodal, bordered).begin, particle_adjoint(law, real, nodal, bordered)
     enter, retreat = part.enter, part.retreat
 
-    @kernel("serial_adjoint", law, real, nodal)
+    @kernel("serial_adjoint", law, real, nodal, bordered)
     def reverse(
         # in:
         lattice: t.Lattice,
+        start: int,
         count: int,
         stride: int,
         materials: t.Materials,
         drag: wp.array(dtype=real),
+        borders: Borders,
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
         velocity: wp.array(dtype=t.vec4),
@@ -199,6 +205,7 @@ def serial_adjoint(law: str, real: type, nodal: bool) -> Any:
         velocity_bar: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
         drag_bar: wp.array(dtype=real),
+        borders_bar: Borders,
     ):
         particles = states.x.shape[1]
         nodes = lattice.nx * lattice.ny * lattice.nz
@@ -206,12 +213,14 @@ def serial_adjoint(law: str, real: type, nodal: bool) -> Any:
             slot = count - back
             if slot < count:
                 for i in range(nodes):
-                    grid_adjoint(i, slot * stride, drag, velocity, velocity_bar, momentum_bar, drag_bar)
+                    grid_adjoint(
+                        i, lattice, slot * stride, start + slot, drag, borders, velocity, velocity_bar, momentum_bar, drag_bar, borders_bar
+                    )
             if stride == 0 and slot > 0:
                 for p in range(particles):
                     begin(p, lattice, slot - 1, states, materials, momentum)
                 for i in range(nodes):
-                    grid(i, lattice, 0, drag, momentum, velocity)
+                    grid(i, lattice, 0, start + slot - 1, drag, borders, momentum, velocity)
             for p in range(particles):
                 if slot == count:
                     enter(p, lattice, slot - 1, (slot - 1) * stride, states, materials, velocity, bars, materials_bar, velocity_bar)
@@ -234,19 +243,28 @@ def serial_adjoint(law: str, real: type, nodal: bool) -> Any:
 
 
 @cache
-def parallel_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
+def parallel_forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Kernels begin and advance over particles, grid over nodes."""
-    grid_of, part, t = forward(law, real, nodal).grid, particle_forward(law, real, nodal), common(real)
+    grid_of, part, t = forward(law, real, nodal, bordered).grid, particle_forward(law, real, nodal, bordered), common(real)
+    Borders = contact(real, bordered).Borders
     begin_of, advance_of = part.begin, part.advance
-    of_module = kernel("parallel_forward", law, real, nodal)
+    of_module = kernel("parallel_forward", law, real, nodal, bordered)
 
     @of_module
     def begin(lattice: t.Lattice, slot: int, states: t.States, materials: t.Materials, momentum: wp.array(dtype=t.vec4)):
         begin_of(wp.tid(), lattice, slot, states, materials, momentum)
 
     @of_module
-    def grid(lattice: t.Lattice, at: int, drag: wp.array(dtype=real), momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
-        grid_of(wp.tid(), lattice, at, drag, momentum, velocity)
+    def grid(
+        lattice: t.Lattice,
+        at: int,
+        substep: int,
+        drag: wp.array(dtype=real),
+        borders: Borders,
+        momentum: wp.array(dtype=t.vec4),
+        velocity: wp.array(dtype=t.vec4),
+    ):
+        grid_of(wp.tid(), lattice, at, substep, drag, borders, momentum, velocity)
 
     @of_module
     def advance(
@@ -268,11 +286,12 @@ def parallel_forward(law: str, real: type, nodal: bool) -> SimpleNamespace:
 
 
 @cache
-def parallel_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
+def parallel_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Kernels enter and retreat over particles, grid_adjoint over nodes."""
-    grid_of, part, t = adjoint(law, real, nodal).grid_adjoint, particle_adjoint(law, real, nodal), common(real)
+    grid_of, part, t = adjoint(law, real, nodal, bordered).grid_adjoint, particle_adjoint(law, real, nodal, bordered), common(real)
+    Borders = contact(real, bordered).Borders
     enter_of, retreat_of = part.enter, part.retreat
-    of_module = kernel("parallel_adjoint", law, real, nodal)
+    of_module = kernel("parallel_adjoint", law, real, nodal, bordered)
 
     @of_module
     def enter(
@@ -290,14 +309,18 @@ def parallel_adjoint(law: str, real: type, nodal: bool) -> SimpleNamespace:
 
     @of_module
     def grid_adjoint(
+        lattice: t.Lattice,
         at: int,
+        substep: int,
         drag: wp.array(dtype=real),
+        borders: Borders,
         velocity: wp.array(dtype=t.vec4),
         velocity_bar: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
         drag_bar: wp.array(dtype=real),
+        borders_bar: Borders,
     ):
-        grid_of(wp.tid(), at, drag, velocity, velocity_bar, momentum_bar, drag_bar)
+        grid_of(wp.tid(), lattice, at, substep, drag, borders, velocity, velocity_bar, momentum_bar, drag_bar, borders_bar)
 
     @of_module
     def retreat(

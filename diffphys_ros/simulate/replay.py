@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from ..types import Grid
+from .borders import Borders
 from .box import Box
 from .common import common
 from .plan import NODE_VALUES, Plan
@@ -47,18 +48,19 @@ class Replay:
         period_s: float,
         law: str,
         nodal: bool,
+        borders: Borders,
         budget: float,
     ):
         wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # its banner and compile log are not ours to print
         wp.init()
         self.grid, self.period_s, self.substeps, self.mean_mass = grid, period_s, substeps, mean_mass
-        self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal)
-        self.variant = (law, self.scratch.real, nodal)
+        self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal, borders=borders, substeps=substeps)
+        self.variant = (law, self.scratch.real, nodal, bool(borders))
         self.boxed = volume.device.type == "cpu" and not nodal
         size = torch.finfo(volume.dtype).bits // 8
         rest = self._box(torch.cat([x_rest, torch.zeros_like(x_rest)], -1))
         self.box_room = min(self.scratch.nodes, int(BOX_ROOM * rest.nodes))
-        self.state_bytes, self.velocity_bytes = size * WIDTH * len(volume), size * NODE_VALUES * self.box_room
+        self.state_bytes, self.velocity_bytes = size * WIDTH * len(volume), size * NODE_VALUES * self.scratch.velocity_grids * self.box_room
         self.plan = Plan.within(budget, substeps=substeps, state=self.state_bytes, velocity=self.velocity_bytes)
         self.once = self._tape(0, velocity_nodes=0)  # for runs that keep nothing
         self.free: list[Tape] = []
@@ -83,7 +85,7 @@ class Replay:
         self.scratch.begin_backward(values, next_bar)
         if lease and lease.give_back.alive:
             lease.tape.enter(box, self._lattice(box))
-            lease.tape.reverse(self.substeps)
+            lease.tape.reverse(0, self.substeps)
             lease.give_back()
         else:
             self._replay(data, box)
@@ -93,7 +95,7 @@ class Replay:
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
-        grids = 17 * self.scratch.nodes * self.velocity_bytes // (NODE_VALUES * self.box_room)
+        grids = (13 + 4 * self.scratch.velocity_grids) * self.scratch.nodes * self.scratch.volume.element_size()
         return per_tape * (1 + self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + grids
 
     def position(self, code: int) -> np.ndarray:
@@ -122,7 +124,7 @@ class Replay:
         for mark, start in zip(reversed(marks), reversed(starts), strict=True):
             stop = min(start + self.plan.chunk, self.substeps)
             tape.run(mark, start, stop, keep=True)
-            tape.reverse(stop - start)
+            tape.reverse(start, stop)
 
     def _replay_tape(self) -> Tape:
         if self._chunk_tape is None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
+from .borders import Borders
 from .common import common
+from .contact import contact
 from .state import WIDTH
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
@@ -26,16 +29,20 @@ class Inputs:
     mass: Tensor  # [kg], shape (P,)
     drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (1,)
     node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
+    friction: Tensor  # of each plane, shape (planes,)
+    motion: Tensor  # velocity of the nodes that the handle holds is motion (x, 1) [1/s, m/s], shape (substeps, 3, 4)
+    handle_from_body: Tensor  # at each substep, shape (substeps, 3, 4); without gradient
 
     @classmethod
-    def zeros_like(cls, volume: Tensor, loaded_nodes: int) -> Inputs:
+    def zeros_like(cls, volume: Tensor, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
-        count = len(volume)
-        return cls(*(volume.new_zeros(s) for s in ((count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3))))
+        count, path = len(volume), (substeps, 3, 4)
+        shapes = (count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3), (planes,), path, path
+        return cls(*(volume.new_zeros(shape) for shape in shapes))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
-        return self.mu, self.lam, self.body, self.mass, self.drag, self.node_force
+        return self.mu, self.lam, self.body, self.mass, self.drag, self.node_force, self.friction, self.motion, self.handle_from_body
 
     def copy_(self, values: tuple[Tensor, ...]) -> None:
         """Overwrite the fields in place."""
@@ -46,18 +53,21 @@ class Inputs:
 class Scratch:
     """Grids, inputs, adjoints and flag, sized for the whole grid."""
 
-    def __init__(self, volume: Tensor, nodes: int, *, nodal: bool):
+    def __init__(self, volume: Tensor, nodes: int, *, nodal: bool, borders: Borders, substeps: int):
         zeros = volume.new_zeros
+        sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders)}
         self.volume, self.nodes, self.real = volume, nodes, REAL[volume.dtype]
-        self.inputs = Inputs.zeros_like(volume, nodes * nodal)
+        self.inputs = Inputs.zeros_like(volume, **sizes)
         self.momentum = zeros(nodes, 4)
         self.flag = torch.full((1,), NO_FLAG, dtype=torch.int64, device=volume.device)
-        self.inputs_bar = Inputs.zeros_like(volume, nodes * nodal)
+        self.inputs_bar = Inputs.zeros_like(volume, **sizes)
         self.state_bar = zeros(len(volume), WIDTH)
         self.velocity_bar, self.momentum_bar = zeros(nodes, 4), zeros(nodes, 4)
         self.drag_bar = zeros(nodes)
+        self.velocity_grids = 1 + bool(borders)  # what nodes meet at borders takes their velocity before, too
         self.momentum_view, self.drag = self.see(self.momentum, 4), self.see(self.inputs.drag)
         self.materials, self.materials_bar = self._materials(self.inputs), self._materials(self.inputs_bar)
+        self.borders, self.borders_bar = (self._borders(borders, i) for i in (self.inputs, self.inputs_bar))
         self.bars = self.states(self.state_bar[None])
 
     def begin_forward(self, values: tuple[Tensor, ...]) -> None:
@@ -92,3 +102,15 @@ class Scratch:
         m.mu, m.lam, m.body, m.mass = see(i.mu), see(i.lam), see(i.body, 3), see(i.mass)
         m.volume, m.node_force = see(self.volume), see(i.node_force, 3)
         return m
+
+    def _borders(self, borders: Borders, i: Inputs) -> Any:
+        c, vec3, see = contact(self.real, bool(borders)), common(self.real).vec3, self.see
+        b = c.Borders()
+        if borders:
+            planes, new = borders.planes, self.volume.new_tensor
+            b.normal = see(new(np.array([p.unit_normal for p in planes]).reshape(-1, 3)), 3)
+            b.offset, b.friction = see(new([p.offset_m for p in planes])), see(i.friction)
+            b.kind = wp.array([p.kind_index for p in planes], dtype=int, device=b.offset.device)
+            b.motion, b.handle_from_body = (wp.from_torch(a, dtype=c.mat34) for a in (i.motion, i.handle_from_body))
+            b.low, b.high = (vec3(*bound) for bound in borders.box)
+        return b

@@ -16,9 +16,9 @@ class Tape:
     """States (length + 1, P, 24), and nodal velocities of each substep or of one (where `velocity_nodes` is 0)."""
 
     def __init__(self, scratch: Scratch, length: int, *, velocity_nodes: int, variant: tuple[Any, ...], program: type[Program]):
-        self.velocity_nodes = velocity_nodes
+        self.velocity_nodes, self.grids = velocity_nodes, scratch.velocity_grids
         states = scratch.volume.new_zeros(length + 1, len(scratch.volume), WIDTH)
-        velocity = scratch.volume.new_zeros(max(length * velocity_nodes, scratch.nodes), 4)
+        velocity = scratch.volume.new_zeros(self.grids * max(length * velocity_nodes, scratch.nodes), 4)
         self.view = View(scratch, states, velocity, variant)
         self.program = program(self.view)
 
@@ -29,7 +29,7 @@ class Tape:
     @property
     def stride(self) -> int:
         """Distance of the kept velocity grids; 0 where the present box leaves no room to keep them."""
-        return self.view.nodes if self.view.nodes <= self.velocity_nodes else 0
+        return self.grids * self.view.nodes if self.view.nodes <= self.velocity_nodes else 0
 
     def run(self, data: Tensor, start: int, stop: int, *, keep: bool) -> Tensor:
         """State (P, 24) after substeps start .. stop - 1 from `data`; a view, which the next run overwrites. With `keep`
@@ -38,6 +38,6 @@ class Tape:
         self.program.run(start, stop, keep=keep, stride=self.stride if keep else 0)
         return self.view.states[stop - start if keep else 0]
 
-    def reverse(self, count: int) -> None:
-        """Take the adjoint in scratch from after the kept substep `count` to before the first."""
-        self.program.reverse(count, stride=self.stride)
+    def reverse(self, start: int, stop: int) -> None:
+        """Take the adjoint in scratch from after the kept substep `stop` - 1 to before `start`, the first that was kept."""
+        self.program.reverse(start, stop - start, stride=self.stride)

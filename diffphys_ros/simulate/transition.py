@@ -13,13 +13,16 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..types import Grid, Particles
+from .borders import Borders, Handle, Plane
+from .force_lattice import ForceLattice
+from .handle import node_motion, substep_poses
 from .laws import LAWS
 from .replay import Replay
 from .scratch import NO_FLAG
 from .stability import max_young, raise_for_flag
 from .state import State
 
-FORCE_ON = ("particles", "nodes")
+FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
 
@@ -69,12 +72,17 @@ class Simulator:
         dtype: torch.dtype = torch.float32,
         law: str = "neo_hookean",
         force_on: str = "particles",
+        force_lattice: Sequence[int] | None = None,
+        planes: Sequence[Plane] = (),
+        handle: Handle | None = None,
         memory_budget_mb: float = 512.0,
     ):
         """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
 
-        `force_on` "particles" or "nodes" says where force densities live (paper Eq. 9: nodes). Node i receives
-        f(x_i) sum_p w_ip V_p and particle p receives f_p V_p: a uniform f adds up to f V either way. Raises InputError.
+        `force_on` "particles", "nodes" or "lattice" says where force densities live (paper Eq. 9: nodes). Node i receives
+        f(x_i) sum_p w_ip V_p and particle p receives f_p V_p: a uniform f adds up to f V either way. A lattice of
+        `force_lattice` nodes along each axis (see ForceLattice) is read at the nodes. `planes` are floor and walls, met in
+        this order, `handle` moves what it holds. Raises InputError.
         """
         _check_name("law", law, LAWS)
         _check_name("force_on", force_on, FORCE_ON)
@@ -87,7 +95,9 @@ class Simulator:
         self.density = self.tensor(particles.density)
         self.gravity = self.tensor(np.asarray(gravity, float))
         self._check_reach()
-        self.nodal = force_on == "nodes"
+        self.nodal = force_on != "particles"
+        self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
+        self.borders = Borders(tuple(planes), handle)
         self.replay = Replay(
             self.x_rest,
             self.volume,
@@ -97,6 +107,7 @@ class Simulator:
             period_s=self.period_s,
             law=law,
             nodal=self.nodal,
+            borders=self.borders,
             budget=memory_budget_mb * 2**20,
         )
 
@@ -120,16 +131,20 @@ class Simulator:
         mass_damping: Tensor | float,
         *,
         density: Tensor | None = None,
+        friction: Tensor | None = None,
+        handle_path: Tensor | None = None,
         number: int = 0,
     ) -> State:
         """The state one frame later; differentiable with respect to every tensor.
 
         `young` [Pa], `poisson`, `density` [kg/m^3] (that of the particles where left out) have shape (P,) or (), `force`
-        is a density [N/m^3 of rest volume] of shape (P, 3) (on nodes: (nx, ny, nz, 3)), constant over the frame, `mass_damping` alpha [1/s] acts as
-        the force density -alpha rho v. `number` names the frame in errors. Raises SimulationError.
+        is a density [N/m^3 of rest volume] of shape (P, 3) (on nodes: (nx, ny, nz, 3); on a lattice: its shape), constant
+        over the frame, `mass_damping` alpha [1/s] acts as the force density -alpha rho v. `friction` (planes,) replaces
+        that of the planes; `handle_path` (substeps + 1, 4, 4) are the handle's poses body_from_handle at the substep
+        boundaries (substep_poses), else it stands. `number` names the frame in errors. Raises SimulationError.
         """
         material = self._material(young, poisson, density)
-        return self._step(state, material, force, self._drag(mass_damping), number)
+        return self._step(state, material, force, self._drag(mass_damping), self._borders(friction, handle_path), number)
 
     def rollout(
         self,
@@ -140,18 +155,22 @@ class Simulator:
         mass_damping: Tensor | float,
         *,
         density: Tensor | None = None,
+        friction: Tensor | None = None,
+        handle_poses: Tensor | None = None,
         after_frame: AfterFrame | None = None,
         report: Callable[[float], None] | None = None,
     ) -> State:
         """States at all T frames, as one State of shape (T, P, 24); the first is `state`.
 
-        `force` has shape (T - 1, P, 3): force[k] acts between frames k and k + 1. `after_frame` maps the state at each
-        new frame (stiffness damping); `report` hears the share of frames done. Else as in `frame`.
+        `force` has shape (T - 1, P, 3): force[k] acts between frames k and k + 1. `handle_poses` (T, 4, 4) are the
+        handle's poses body_from_handle at the frames; `after_frame` maps the state at each new frame (stiffness damping);
+        `report` hears the share of frames done. Else as in `frame`.
         """
         material, drag = self._material(young, poisson, density), self._drag(mass_damping)
+        paths = self._paths(handle_poses, len(force))
         states = [state]
         for k, density_of_force in enumerate(force):
-            after = self._step(states[-1], material, density_of_force, drag, k)
+            after = self._step(states[-1], material, density_of_force, drag, self._borders(friction, paths[k]), k)
             states.append(after_frame(after) if after_frame else after)
             if report:
                 report((k + 1) / len(force))
@@ -166,6 +185,7 @@ class Simulator:
         frames: int = 3,
         mass_damping: float = 25.0,
         density: Tensor | None = None,
+        friction: Tensor | None = None,
     ) -> State:
         """Frame 0 in static equilibrium under gravity: the particles at rest positions, prestressed, still.
 
@@ -175,7 +195,7 @@ class Simulator:
         """
         state = self.rest(F=torch.eye(3, **self.options) + displacement_gradient)
         for k in range(frames):
-            state = self.frame(state, young, poisson, None, mass_damping, density=density, number=k - frames)
+            state = self.frame(state, young, poisson, None, mass_damping, density=density, friction=friction, number=k - frames)
         return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))
 
     def max_young(self) -> float:
@@ -199,16 +219,48 @@ class Simulator:
         alpha = torch.as_tensor(mass_damping).to(**self.options)
         return torch.exp(-alpha * (self.period_s / self.substeps)).reshape(1)
 
-    def _step(self, state: State, material: tuple[Tensor, Tensor, Tensor], force: Tensor | None, drag: Tensor, number: int) -> State:
+    def _paths(self, poses: Tensor | None, frames: int) -> Sequence[Tensor | None]:
+        """Poses at the substep boundaries of every frame."""
+        if poses is None:
+            return [None] * frames
+        if len(poses) != frames + 1:
+            raise InputError(f"handle_poses: there are {len(poses)} for {frames + 1} frames; give one pose a frame")
+        return substep_poses(poses, self.substeps)  # type: ignore[return-value]
+
+    def _borders(self, friction: Tensor | None, path: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """What of the borders may change from frame to frame: Inputs.friction, motion and handle_from_body."""
+        if not self.borders:
+            return self.volume.new_zeros(0), self.volume.new_zeros(0, 3, 4), self.volume.new_zeros(0, 3, 4)
+        handle = self.borders.handle
+        if path is not None and (handle is None or path.shape != (self.substeps + 1, 4, 4)):
+            raise InputError(
+                f"handle_path has shape {tuple(path.shape)} for {self.substeps} substeps; give the simulator a handle and one pose at each of their {self.substeps + 1} boundaries"
+            )
+        if path is None:
+            pose = torch.as_tensor(handle.pose if handle else np.eye(4), dtype=torch.float64, device=self.volume.device)
+            path = pose.expand(self.substeps + 1, 4, 4)
+        rubbing = self.tensor([plane.friction for plane in self.borders.planes]) if friction is None else friction
+        motion, there = node_motion(path, self.period_s / self.substeps)
+        return self.tensor(rubbing), self.tensor(motion), self.tensor(there)
+
+    def _step(
+        self,
+        state: State,
+        material: tuple[Tensor, Tensor, Tensor],
+        force: Tensor | None,
+        drag: Tensor,
+        borders: tuple[Tensor, Tensor, Tensor],
+        number: int,
+    ) -> State:
         mu, lam, density = material
         body, node_force = density[:, None] * self.gravity, self.volume.new_zeros(1, 3)
         if force is not None and self.nodal:
-            node_force = force.reshape(-1, 3)
+            node_force = (self.force_lattice.on_nodes(force) if self.force_lattice else force).reshape(-1, 3)
         elif force is not None:
             body = body + force
         elif self.nodal:
             node_force = node_force.expand(math.prod(self.grid.size), 3)
-        inputs = mu, lam, body, density * self.volume, drag, node_force
+        inputs = mu, lam, body, density * self.volume, drag, node_force, *borders
         data = _Frame.apply(self.replay, state.data.contiguous(), *inputs)
         self._check_flag(number, material)
         return State(data)
