@@ -2,7 +2,7 @@
 
     g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F
     grid_adjoint   adjoint of a node's velocity -> adjoints of its momentum and mass, and of the drag factor
-    p2g_adjoint    adjoints of momentum and mass -> adjoints of a particle's state, mu, lam, body force and mass
+    p2g_adjoint    adjoints of momentum and mass -> adjoints of a particle's state, constants, body force and mass
 
 The states before and after the substep and the nodal velocities between them must be at hand. Names end in _bar for
 dL/d(name).
@@ -27,7 +27,7 @@ from .transfer import stencil, transfer
 def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
     """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint; arguments as for forward.forward."""
     model, t, momentum_field = law_of(law, real), common(real), forward(law, real, nodal, bordered).momentum_field
-    stress_adjoint, project_adjoint = model.stress_adjoint, model.project_adjoint
+    stress_adjoint, viscous_stress_adjoint, project_adjoint = model.stress_adjoint, model.viscous_stress_adjoint, model.project_adjoint
     vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
     cell, inside, affine, gradient, lower, lift, around, Load = (
         t.cell,
@@ -62,9 +62,8 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         F_bar = bar.F
         if wp.static(project_adjoint is not None):
             F_trial = particle.F + lattice.dt * (following.C * particle.F)
-            F_bar, mu_bar, lam_bar = project_adjoint(F_trial, material.mu, material.lam, bar.F)
-            material_bar.mu = material_bar.mu + mu_bar
-            material_bar.lam = material_bar.lam + lam_bar
+            F_bar, constants_bar = project_adjoint(F_trial, material.constants, bar.F)
+            material_bar.constants = material_bar.constants + constants_bar
         Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(particle.F)))
         field = affine(bar.v + lattice.dt * bar.x, real(0.0), Q)
         _, slope = scatter_slope(around(lattice, u), field, velocity, at, velocity_bar, Load())
@@ -121,12 +120,18 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         moments, slope = gather_slope(around(lattice, u), field, momentum_bar, 0, momentum_bar, load)
         b_bar = lower(moments.b)
         A_bar = lattice.dx * gradient(moments)
-        F_bar, mu_bar, lam_bar = stress_adjoint(particle.F, material.mu, material.lam, (-lattice.affine * impulse) * A_bar)
+        tau_bar = (-lattice.affine * impulse) * A_bar
+        C_bar = mass * A_bar
+        F_bar, constants_bar = stress_adjoint(particle.F, material.constants, tau_bar)
+        if wp.static(viscous_stress_adjoint is not None):
+            through_F, through_C, through_constants = viscous_stress_adjoint(particle.F, particle.C, material.constants, tau_bar)
+            F_bar = F_bar + through_F
+            C_bar = C_bar + through_C
+            constants_bar = constants_bar + through_constants
         x_bar = bar.x + (slope - wp.transpose(gradient(field)) * b_bar) / lattice.dx
-        material_bar.mu = material_bar.mu + mu_bar
-        material_bar.lam = material_bar.lam + lam_bar
+        material_bar.constants = material_bar.constants + constants_bar
         material_bar.body = material_bar.body + impulse * b_bar
         material_bar.mass = material_bar.mass + moments.b[3] + wp.dot(b_bar, particle.v) + wp.ddot(A_bar, particle.C)
-        return Particle(x_bar, mass * b_bar, mass * A_bar, bar.F + F_bar), material_bar
+        return Particle(x_bar, mass * b_bar, C_bar, bar.F + F_bar), material_bar
 
     return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

@@ -37,8 +37,7 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.struct
     class Materials:  # of all particles, and the force density per node (or one unused entry)
-        mu: wp.array(dtype=real)
-        lam: wp.array(dtype=real)
+        constants: wp.array(dtype=vec4)  # of the law
         body: wp.array(dtype=vec3)
         volume: wp.array(dtype=real)
         mass: wp.array(dtype=real)
@@ -53,8 +52,7 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.struct
     class Material:  # of one particle, or its adjoint
-        mu: real
-        lam: real
+        constants: vec4
         body: vec3
         volume: real
         mass: real
@@ -111,12 +109,11 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.func
     def material_of(materials: Materials, p: int):
-        return Material(materials.mu[p], materials.lam[p], materials.body[p], materials.volume[p], materials.mass[p])
+        return Material(materials.constants[p], materials.body[p], materials.volume[p], materials.mass[p])
 
     @wp.func
     def put_material(materials: Materials, p: int, material: Material):
-        materials.mu[p] = material.mu
-        materials.lam[p] = material.lam
+        materials.constants[p] = material.constants
         materials.body[p] = material.body
         materials.mass[p] = material.mass
 

@@ -28,7 +28,7 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
     """Warp functions p2g, grid, g2p, check for a law's name and a scalar type; `nodal`: a force density on the nodes acts too;
     `bordered`: nodes meet planes and a handle, and what velocity they had before follows the `velocity` of all nodes."""
     model, t = law_of(law, real), common(real)
-    stress, project = model.stress, model.project
+    stress, viscous_stress, project = model.stress, model.viscous_stress, model.project
     vec3, vec4, Lattice, Particle, Material = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material
     cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
     around = stencil(real).around
@@ -40,7 +40,9 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
     def momentum_field(lattice: Lattice, particle: Particle, material: Material):
         """What a particle gives its nodes, per weight: momentum and mass over the distance in cells."""
         impulse = lattice.dt * material.volume
-        tau = stress(particle.F, material.mu, material.lam)
+        tau = stress(particle.F, material.constants)
+        if wp.static(viscous_stress is not None):
+            tau = tau + viscous_stress(particle.F, particle.C, material.constants)
         A = material.mass * particle.C - (lattice.affine * impulse) * tau
         return affine(material.mass * particle.v + impulse * material.body, material.mass, lattice.dx * A)
 
@@ -87,7 +89,7 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         C = (lattice.affine * lattice.dx) * gradient(moments)
         F = particle.F + lattice.dt * (C * particle.F)
         if wp.static(project is not None):
-            F = project(F, material.mu, material.lam)
+            F = project(F, material.constants)
         return Particle(particle.x + lattice.dt * v, v, C, F)
 
     @wp.func

@@ -23,8 +23,7 @@ NO_FLAG = 2**62
 class Inputs:
     """What one frame depends on beside its state; also holds the adjoints of the same."""
 
-    mu: Tensor  # [Pa], shape (P,)
-    lam: Tensor  # [Pa], shape (P,)
+    constants: Tensor  # of the law: mu and lam [Pa] and two of its own, shape (P, 4)
     body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
     mass: Tensor  # [kg], shape (P,)
     drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (1,)
@@ -37,12 +36,12 @@ class Inputs:
     def zeros_like(cls, volume: Tensor, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
         count, path = len(volume), (substeps, 3, 4)
-        shapes = (count,), (count,), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3), (planes,), path, path
+        shapes = (count, 4), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3), (planes,), path, path
         return cls(*(volume.new_zeros(shape) for shape in shapes))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
-        return self.mu, self.lam, self.body, self.mass, self.drag, self.node_force, self.friction, self.motion, self.handle_from_body
+        return self.constants, self.body, self.mass, self.drag, self.node_force, self.friction, self.motion, self.handle_from_body
 
     def copy_(self, values: tuple[Tensor, ...]) -> None:
         """Overwrite the fields in place."""
@@ -99,7 +98,7 @@ class Scratch:
 
     def _materials(self, i: Inputs) -> Any:
         m, see = common(self.real).Materials(), self.see
-        m.mu, m.lam, m.body, m.mass = see(i.mu), see(i.lam), see(i.body, 3), see(i.mass)
+        m.constants, m.body, m.mass = see(i.constants, 4), see(i.body, 3), see(i.mass)
         m.volume, m.node_force = see(self.volume), see(i.node_force, 3)
         return m
 

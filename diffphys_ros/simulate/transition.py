@@ -16,7 +16,7 @@ from ..types import Grid, Particles
 from .borders import Borders, Handle, Plane
 from .force_lattice import ForceLattice
 from .handle import node_motion, substep_poses
-from .laws import LAWS
+from .laws import LAWS, constants
 from .replay import Replay
 from .scratch import NO_FLAG
 from .stability import max_young, raise_for_flag
@@ -71,6 +71,7 @@ class Simulator:
         device: str = "cpu",
         dtype: torch.dtype = torch.float32,
         law: str = "neo_hookean",
+        law_parameters: constants.Given | None = None,
         force_on: str = "particles",
         force_lattice: Sequence[int] | None = None,
         planes: Sequence[Plane] = (),
@@ -79,6 +80,8 @@ class Simulator:
     ):
         """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
 
+        `law_parameters`: what the law takes beside E and nu, by name (LAWS[law].parameters), one value or one a particle
+        each; a tensor that requires a gradient gets one.
         `force_on` "particles", "nodes" or "lattice" says where force densities live (paper Eq. 9: nodes). Node i receives
         f(x_i) sum_p w_ip V_p and particle p receives f_p V_p: a uniform f adds up to f V either way. A lattice of
         `force_lattice` nodes along each axis (see ForceLattice) is read at the nodes. `planes` are floor and walls, met in
@@ -95,6 +98,7 @@ class Simulator:
         self.density = self.tensor(particles.density)
         self.gravity = self.tensor(np.asarray(gravity, float))
         self._check_reach()
+        self.law, self.law_parameters = LAWS[law], constants.checked(law, LAWS[law], law_parameters or {})
         self.nodal = force_on != "particles"
         self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
         self.borders = Borders(tuple(planes), handle)
@@ -111,7 +115,7 @@ class Simulator:
             budget=memory_budget_mb * 2**20,
         )
 
-    def tensor(self, values: np.ndarray | Tensor) -> Tensor:
+    def tensor(self, values: np.ndarray | Tensor | Sequence[float] | float) -> Tensor:
         """Values in the simulator's scalar type, on its device."""
         return torch.as_tensor(values).to(**self.options).contiguous()
 
@@ -207,12 +211,10 @@ class Simulator:
         """Memory of the simulator itself once gradients were asked for [bytes]; a rollout adds 96 B x particles x frames."""
         return self.replay.bytes()
 
-    def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """Lame's mu and lam [Pa] and density [kg/m^3], each (P,)."""
-        mu = young / (2 * (1 + poisson))
-        lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-        values = mu, lam, self.density if density is None else density
-        return tuple(v.to(**self.options).expand_as(self.volume).contiguous() for v in values)  # type: ignore[return-value]
+    def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Constants of the law (P, 4) and density [kg/m^3] (P,)."""
+        of_law = constants.stacked(self.law, young, poisson, self.law_parameters, self.volume)
+        return of_law, self.tensor(self.density if density is None else density).expand_as(self.volume)
 
     def _drag(self, mass_damping: Tensor | float) -> Tensor:
         """Share of velocity that mass damping leaves after one substep, shape (1,)."""
@@ -246,13 +248,13 @@ class Simulator:
     def _step(
         self,
         state: State,
-        material: tuple[Tensor, Tensor, Tensor],
+        material: tuple[Tensor, Tensor],
         force: Tensor | None,
         drag: Tensor,
         borders: tuple[Tensor, Tensor, Tensor],
         number: int,
     ) -> State:
-        mu, lam, density = material
+        of_law, density = material
         body, node_force = density[:, None] * self.gravity, self.volume.new_zeros(1, 3)
         if force is not None and self.nodal:
             node_force = (self.force_lattice.on_nodes(force) if self.force_lattice else force).reshape(-1, 3)
@@ -260,16 +262,16 @@ class Simulator:
             body = body + force
         elif self.nodal:
             node_force = node_force.expand(math.prod(self.grid.size), 3)
-        inputs = mu, lam, body, density * self.volume, drag, node_force, *borders
+        inputs = of_law, body, density * self.volume, drag, node_force, *borders
         data = _Frame.apply(self.replay, state.data.contiguous(), *inputs)
-        self._check_flag(number, material)
+        self._check_flag(number, of_law.detach())
         return State(data)
 
-    def _check_flag(self, number: int, material: tuple[Tensor, Tensor, Tensor]) -> None:
+    def _check_flag(self, number: int, of_law: Tensor) -> None:
         code = self.replay.code
         if code == NO_FLAG:
             return
-        mu, lam, _ = (m.detach() for m in material)
+        mu, lam = of_law[:, 0], of_law[:, 1]
         count = len(self.volume)
         raise_for_flag(
             code,

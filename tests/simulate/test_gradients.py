@@ -15,6 +15,7 @@ from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
 
 from . import twin
 from .bodies import block, simulator
+from .laws.points import OWN
 
 GRAVITY = (0.3, -9.81, 0.5)
 DT = 4e-4
@@ -32,7 +33,12 @@ class Case:
 
     def after(self, inputs: dict[str, Tensor]) -> State:
         i = inputs
+        self.sim.law_parameters = self.own(i)
         return self.sim.frame(State(i["state"]), i["young"], i["poisson"], i["force"], i["mass_damping"], density=i["density"])
+
+    def own(self, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Those of the inputs that are the law's."""
+        return {p.name: inputs[p.name] for p in self.sim.law.parameters}
 
     def loss(self, inputs: dict[str, Tensor]) -> Tensor:
         return (self.after(inputs).data * self.weight).sum()
@@ -52,6 +58,7 @@ def case(substeps: int, *, law: str = "neo_hookean", budget_mb: float = 64.0, fo
         "force": 3000 * draw(*((count, 3) if force_on == "particles" else (*sim.grid.size, 3))),
         "mass_damping": sim.tensor(0.7),
         "density": sim.tensor(rng.uniform(800, 1200, count)),
+        **{p.name: sim.tensor(OWN[p.name] * rng.uniform(0.8, 1.2, count)) for p in sim.law.parameters},
     }
     scale = sim.tensor(np.repeat([100.0, 1.0, 0.01, 1.0], [3, 3, 9, 9]))
     return Case(sim, {k: v.clone().requires_grad_() for k, v in inputs.items()}, draw(count, 24) * scale)
@@ -90,7 +97,8 @@ def test_the_gradient_of_a_frame_equals_central_differences(substeps, name):
 @pytest.mark.parametrize("law", [law for law in LAWS if law != "neo_hookean"])
 def test_every_law_has_the_gradient_of_its_stress(law):
     given = case(6, law=law)
-    assert max(relative_error(given, name) for name in ("F", "young", "poisson")) < 1e-5
+    names = ["F", "C", "young", "poisson", *given.own(given.inputs)]
+    assert max(relative_error(given, name) for name in names) < 1e-5
 
 
 def test_the_gradient_through_forces_on_nodes_equals_central_differences():
@@ -102,7 +110,7 @@ def test_the_gradient_through_forces_on_nodes_equals_central_differences():
 def test_one_substep_and_its_gradients_equal_the_torch_twin(law):
     given = case(1, law=law)
     i, sim = given.inputs, given.sim
-    rest = {k: i[k] for k in ("young", "poisson", "density", "force", "mass_damping")}
+    rest = {k: i[k] for k in ("young", "poisson", "density", "force", "mass_damping")} | {"law_parameters": given.own(i)}
     expected = twin.substep(State(i["state"]), sim.grid, DT, law=law, volume=sim.volume, gravity=sim.gravity, **rest)
     ours = given.after(i)
     torch.testing.assert_close(ours.data, expected.data, rtol=1e-11, atol=1e-12)

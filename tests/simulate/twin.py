@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -11,22 +10,7 @@ from torch import Tensor
 from diffphys_ros.simulate import State
 from diffphys_ros.types import Grid
 
-
-def neo_hookean(F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-    """mu (F F^T - I) + lam log(J) I."""
-    unit = torch.eye(3, dtype=F.dtype)
-    return mu[:, None, None] * (F @ F.mT - unit) + (lam * torch.log(torch.det(F)))[:, None, None] * unit
-
-
-def st_venant_kirchhoff(F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-    """F (2 mu E + lam tr(E) I) F^T with E = (F^T F - I) / 2."""
-    unit = torch.eye(3, dtype=F.dtype)
-    green = (F.mT @ F - unit) / 2
-    trace = green.diagonal(dim1=1, dim2=2).sum(-1)
-    return F @ (2 * mu[:, None, None] * green + (lam * trace)[:, None, None] * unit) @ F.mT
-
-
-STRESS: dict[str, Callable[[Tensor, Tensor, Tensor], Tensor]] = {"neo_hookean": neo_hookean, "st_venant_kirchhoff": st_venant_kirchhoff}
+from .laws import energies
 
 
 def substep(
@@ -42,13 +26,17 @@ def substep(
     force: Tensor,
     gravity: Tensor,
     mass_damping: Tensor,
+    law_parameters: dict[str, Tensor],
 ) -> State:
     """State after one substep; shapes as in Simulator.frame."""
     x, v, C, F = state.x, state.v, state.C, state.F
     mu, lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    own = [*law_parameters.values(), torch.zeros_like(mu), torch.zeros_like(mu)]
+    constants = torch.stack([mu, lam, *own[:2]], -1)
     mass, affine = density * volume, 4 / grid.dx**2
     nodes, weight, arm = stencil(x, grid)
-    A = mass[:, None, None] * C - (affine * dt * volume)[:, None, None] * STRESS[law](F, mu, lam)
+    tau = energies.stress(law, F, constants) + energies.viscous_stress(law, F, C, constants)
+    A = mass[:, None, None] * C - (affine * dt * volume)[:, None, None] * tau
     b = mass[:, None] * v + dt * volume[:, None] * (force + density[:, None] * gravity)
     momentum = (b[:, None] + arm @ A.mT) * weight[..., None]
     count = grid.size[0] * grid.size[1] * grid.size[2]
@@ -59,7 +47,7 @@ def substep(
     gathered = (node_velocity * free[:, None])[nodes]
     v = (weight[..., None] * gathered).sum(1)
     C = affine * torch.einsum("pn,pna,pnb->pab", weight, gathered, arm)
-    return State.assemble(x + dt * v, v, C, F + dt * C @ F)
+    return State.assemble(x + dt * v, v, C, energies.project(law, F + dt * C @ F, constants))
 
 
 def stencil(x: Tensor, grid: Grid) -> tuple[Tensor, Tensor, Tensor]:

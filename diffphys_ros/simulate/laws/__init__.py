@@ -1,36 +1,32 @@
-"""Constitutive laws: one file each, one line here.
+"""Constitutive laws: one file each, one line here."""
 
-A law is a callable `build(real)` that returns two Warp functions of the given scalar type:
+from functools import cache
 
-- `stress(F, mu, lam)` -> Kirchhoff stress tau = P F^T [Pa];
-- `stress_adjoint(F, mu, lam, tau_bar)` -> (F_bar, mu_bar, lam_bar): the product of `tau_bar` with its derivatives;
+from . import (
+    drucker_prager,
+    fixed_corotated,
+    linear_corotated,
+    neo_hookean,
+    st_venant_kirchhoff,
+    von_mises,
+    weakly_compressible,
+)
+from .law import Functions, Law, Parameter
 
-and, where the material flows, two more:
+__all__ = ["LAWS", "Functions", "Law", "Parameter", "law_of"]
 
-- `project(F_trial, mu, lam)` -> the elastic F of a substep that would have led to F_trial;
-- `project_adjoint(F_trial, mu, lam, F_bar)` -> (F_trial_bar, mu_bar, lam_bar).
-"""
-
-from collections.abc import Callable
-from typing import Any, NamedTuple
-
-from . import neo_hookean, st_venant_kirchhoff
-
-LAWS: dict[str, Callable[[type], tuple[Any, ...]]] = {
-    "neo_hookean": neo_hookean.build,
-    "st_venant_kirchhoff": st_venant_kirchhoff.build,
+LAWS: dict[str, Law] = {
+    "neo_hookean": neo_hookean.LAW,
+    "fixed_corotated": fixed_corotated.LAW,
+    "linear_corotated": linear_corotated.LAW,
+    "st_venant_kirchhoff": st_venant_kirchhoff.LAW,
+    "drucker_prager": drucker_prager.LAW,
+    "von_mises": von_mises.LAW,
+    "weakly_compressible": weakly_compressible.LAW,
 }
 
 
-class Law(NamedTuple):
-    """The Warp functions of one law over one scalar type; None where the substep leaves a step out."""
-
-    stress: Any
-    stress_adjoint: Any
-    project: Any = None
-    project_adjoint: Any = None
-
-
-def law_of(name: str, real: type) -> Law:
-    """The law of a name in LAWS."""
-    return Law(*LAWS[name](real))
+@cache
+def law_of(name: str, real: type) -> Functions:
+    """The Warp functions of a law over wp.float32 or wp.float64, built once."""
+    return LAWS[name].build(real)

@@ -3,34 +3,39 @@
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
 
-from typing import Any
-
 import warp as wp
 
+from .law import Functions, Law
 
-def build(real: type) -> tuple[Any, Any]:
-    """(stress, stress_adjoint) as Warp functions over `real` (wp.float32 or wp.float64)."""
-    mat33 = wp.types.matrix((3, 3), real)
+
+def build(real: type) -> Functions:
+    """Stress and its adjoint over `real`."""
+    mat33, vec4 = wp.types.matrix((3, 3), real), wp.types.vector(4, real)
 
     @wp.func
     def strain(F: mat33):
         return real(0.5) * (wp.transpose(F) * F - wp.identity(3, dtype=real))
 
     @wp.func
-    def stress(F: mat33, mu: real, lam: real):
-        green = strain(F)
-        second = real(2.0) * mu * green + lam * wp.trace(green) * wp.identity(3, dtype=real)
-        return F * second * wp.transpose(F)
+    def hooke(strain: mat33, constants: vec4):
+        return real(2.0) * constants[0] * strain + constants[1] * wp.trace(strain) * wp.identity(3, dtype=real)
 
     @wp.func
-    def stress_adjoint(F: mat33, mu: real, lam: real, tau_bar: mat33):
-        unit = wp.identity(3, dtype=real)
+    def stress(F: mat33, constants: vec4):
+        return F * hooke(strain(F), constants) * wp.transpose(F)
+
+    @wp.func
+    def stress_adjoint(F: mat33, constants: vec4, tau_bar: mat33):
         green = strain(F)
-        second = real(2.0) * mu * green + lam * wp.trace(green) * unit
+        second = hooke(green, constants)
         second_bar = wp.transpose(F) * tau_bar * F
-        green_bar = real(2.0) * mu * second_bar + lam * wp.trace(second_bar) * unit
+        green_bar = hooke(second_bar, constants)
         through_green = real(0.5) * (F * (green_bar + wp.transpose(green_bar)))
         F_bar = tau_bar * F * wp.transpose(second) + wp.transpose(tau_bar) * F * second + through_green
-        return F_bar, real(2.0) * wp.ddot(second_bar, green), wp.trace(green) * wp.trace(second_bar)
+        mu_bar = real(2.0) * wp.ddot(second_bar, green)
+        return F_bar, vec4(mu_bar, wp.trace(green) * wp.trace(second_bar), real(0.0), real(0.0))
 
-    return stress, stress_adjoint
+    return Functions(stress, stress_adjoint)
+
+
+LAW = Law(build)
