@@ -241,7 +241,7 @@ class Simulator:
         if path is None:
             pose = torch.as_tensor(handle.pose if handle else np.eye(4), dtype=torch.float64, device=self.volume.device)
             path = pose.expand(self.substeps + 1, 4, 4)
-        rubbing = self.tensor([plane.friction for plane in self.borders.planes]) if friction is None else friction
+        rubbing = np.array([plane.friction for plane in self.borders.planes]) if friction is None else friction
         motion, there = node_motion(path, self.period_s / self.substeps)
         return self.tensor(rubbing), self.tensor(motion), self.tensor(there)
 

@@ -1,0 +1,274 @@
+"""Bodies that meet floors, walls and a handle obey mechanics, and gradients come through."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.simulate import Handle, Plane, Simulator, State
+from diffphys_ros.simulate.handle import substep_poses, twist_matrix
+from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
+
+from .bodies import block, full, masses, simulator
+
+G, DX, PERIOD_S = 9.81, 0.02, 1 / 60
+ROOT = Handle(low=(-math.inf,) * 3, high=(0.0, math.inf, math.inf))  # holds what a clamp of the beam at x = 0 holds
+
+
+def mean(sim: Simulator, field: Tensor) -> Tensor:
+    """Average over the body's mass of a field (..., P, 3)."""
+    return (masses(sim)[:, None] * field).sum(-2) / masses(sim).sum()
+
+
+def tilted(degrees: float, friction: float) -> tuple[Simulator, Tensor, Tensor]:
+    """A block that lies on a floor which is inclined against the grid; unit vectors down the slope and out of the floor."""
+    turn = _turn(degrees)
+    particles, grid = block((4, 3, 2), dx=DX, clamped=False, margin=7)
+    middle = np.array([2.0, 1.5, 1.0]) * DX
+    particles = dataclasses.replace(particles, x_rest=(particles.x_rest - middle) @ turn.T + middle)
+    up, bottom = turn[:, 2], middle - DX * turn[:, 2]
+    sim = simulator(
+        (particles, grid), substeps=60, period_s=PERIOD_S, gravity=(0, 0, -G), planes=[Plane(up, up @ bottom, friction=friction)]
+    )
+    return sim, sim.tensor(turn[:, 0]), sim.tensor(up)
+
+
+def _turn(degrees: float) -> np.ndarray:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def roll(sim: Simulator, frames: int, *, start: State | None = None, young: float = 2e5, damping: float = 0.0, **options: Tensor) -> State:
+    """A roll-out without forces, without gradient."""
+    with torch.no_grad():
+        force = torch.zeros(frames, *sim.x_rest.shape)
+        return sim.rollout(start or sim.rest(), full(sim, young), full(sim, 0.3), force, damping, **options)
+
+
+@pytest.mark.parametrize(("degrees", "friction"), [(30, 0.3), (20, 0.0), (45, 0.5)])
+def test_a_block_slides_down_an_inclined_floor_at_g_sin_minus_mu_cos(degrees, friction):
+    sim, down, up = tilted(degrees, friction)
+    path, angle = roll(sim, 6), math.radians(degrees)
+    expected = G * (math.sin(angle) - friction * math.cos(angle)) * 6 * PERIOD_S
+    assert float(mean(sim, path.v[-1]) @ down) == pytest.approx(expected, rel=0.02)
+    assert float((mean(sim, path.x[-1] - path.x[0]) @ up).abs()) < 0.02 * DX, "it must stay on the floor"
+
+
+def test_below_the_friction_angle_a_block_sticks():
+    sim, down, _ = tilted(10, 0.3)
+    path = roll(sim, 16)  # the first half for the block to sag under its own weight
+    free_slide = G * math.sin(math.radians(10)) * (8 * PERIOD_S) ** 2 / 2
+    assert abs(float(mean(sim, path.x[-1] - path.x[8]) @ down)) < 0.01 * free_slide
+    assert abs(float(mean(sim, path.v[-1]) @ down)) < 0.01 * G * 8 * PERIOD_S
+
+
+def falling(kind: str, friction: float, offset: float = 0.0) -> Simulator:
+    """A block a cell above a floor."""
+    body = block((3, 3, 2), dx=DX, clamped=False, margin=6, offset=offset)
+    return simulator(body, substeps=35, period_s=PERIOD_S, gravity=(0, 0, -G), planes=[Plane((0, 0, 1), -DX, kind, friction)])
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_dropped_block_comes_to_rest_less_than_a_cell_above_a_floor_and_keeps_its_horizontal_momentum(offset):
+    sim = falling("separate", 0.0, offset)
+    glide = sim.tensor([0.07, -0.03, 0.0]).expand_as(sim.x_rest)
+    landed = State(roll(sim, 20, start=sim.rest(v=glide), young=1e5, damping=20.0).data[-1])
+    still = landed.replace(v=landed.v + glide - mean(sim, landed.v))  # its horizontal speed again, after the heavy damping
+    path = roll(sim, 10, start=still, young=1e5)
+    gap = float(path.x[-1, :, 2].min() - DX / 4 + DX) / DX
+    assert 0.0 < gap < 1.0
+    assert (path.x[:, :, 2] - path.x[0, :, 2]).abs().max() < 0.02 * DX
+    torch.testing.assert_close(mean(sim, path.v[-1])[:2], mean(sim, still.v)[:2], rtol=1e-10, atol=0)
+
+
+def test_a_sliding_block_loses_mu_times_the_momentum_that_the_floor_gives_it():
+    sim, friction = falling("separate", 0.25), 0.25
+    path = roll(sim, 10, start=sim.rest(v=sim.tensor([0.6, 0.0, 0.0]).expand_as(sim.x_rest)), young=1e5)
+    time = torch.arange(11) * PERIOD_S
+    speed = mean(sim, path.v)
+    pressed = speed[:, 2] + G * time  # momentum from the floor over the mass, bounces included
+    assert float(pressed[-1]) > 0.5 * G * float(time[-1])
+    torch.testing.assert_close(0.6 - speed[:, 0], friction * pressed, rtol=3e-3, atol=1e-6)  # nodes do not all slide quite the same way
+
+
+def test_a_sticky_floor_holds_what_a_separating_one_lets_go():
+    lift = []
+    for kind in ("sticky", "separate"):
+        body = block((3, 3, 2), dx=DX, clamped=False, margin=6)
+        sim = simulator(body, substeps=35, period_s=PERIOD_S, gravity=(0, 0, G), planes=[Plane((0, 0, 1), 0.0, kind)])
+        path = roll(sim, 6, young=1e5)
+        lift.append(float(path.x[-1, :, 2].min() - path.x[0, :, 2].min()))
+    assert lift[0] < 0.02 * DX
+    assert lift[1] == pytest.approx(G * (6 * PERIOD_S) ** 2 / 2, rel=0.01)
+
+
+def test_a_corner_of_floor_and_wall_holds_a_body_that_slides_into_it():
+    body = block((3, 2, 2), dx=DX, clamped=False, margin=6)
+    planes = [Plane((0, 0, 1), 0.0, "slip"), Plane((1, 0, 0), -DX)]
+    sim = simulator(body, substeps=35, period_s=PERIOD_S, gravity=(-G, 0, -G), planes=planes)
+    path = roll(sim, 25, young=1e5, damping=10.0)
+    assert float(path.x[..., 0].min()) > -DX
+    assert float(path.x[..., 2].min()) > 0
+    assert float(path.v[-1].abs().max()) < 0.01
+
+
+def test_a_still_handle_is_a_clamp_to_the_last_bit():
+    paths = []
+    for clamped, handle in ((True, None), (False, ROOT)):
+        sim = simulator(block((6, 2, 2), dx=DX, clamped=clamped), substeps=40, period_s=PERIOD_S, gravity=(0, -G, 0), handle=handle)
+        paths.append(roll(sim, 4))
+    assert torch.equal(paths[0].data, paths[1].data)
+
+
+def turning(frames: int, rate: float) -> Tensor:
+    """Poses (frames + 1, 4, 4) of a handle that turns about the z axis through the origin at `rate` [rad/s]."""
+    twist = torch.tensor([0.0, 0.0, rate * PERIOD_S, 0.0, 0.0, 0.0], dtype=torch.float64)
+    return torch.stack([torch.linalg.matrix_exp(k * twist_matrix(twist)) for k in range(frames + 1)])
+
+
+def spin(sim: Simulator, rate: float) -> State:
+    """The body at rest in a frame that turns."""
+    gradient = sim.tensor([[0.0, -rate, 0.0], [rate, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return sim.rest(v=sim.x_rest @ gradient.T, C=gradient.expand(len(sim.volume), 3, 3))
+
+
+def turned(handle: Handle, rate: float, frames: int) -> tuple[Tensor, Tensor]:
+    """Strains (P,) of a beam that its handle has turned at `rate` [rad/s], and distances (P,) [m] from where it would be if rigid."""
+    sim = simulator(block((6, 2, 2), dx=DX, clamped=False, margin=6), substeps=40, period_s=PERIOD_S, handle=handle)
+    end = State(roll(sim, frames, start=spin(sim, rate), young=1e5, handle_poses=turning(frames, rate)).data[-1])
+    rigid = sim.x_rest @ turning(frames, rate)[-1, :3, :3].T
+    return (end.F.mT @ end.F - torch.eye(3)).abs().amax((1, 2)), (end.x - rigid).norm(dim=1)
+
+
+def test_a_handle_that_holds_a_whole_body_moves_it_rigidly():
+    strain, away = turned(Handle((-1.0,) * 3, (1.0,) * 3), 6.0, 6)
+    assert strain.max() < 1e-9
+    assert away.max() < 1e-9 * DX
+
+
+def test_a_handle_that_turns_a_beam_by_its_root_strains_it_only_by_the_centrifugal_force():
+    fast, slow = (turned(ROOT, rate, frames) for rate, frames in ((3.0, 12), (1.5, 24)))  # 34 degrees
+    stretch = 1000.0 * (1.5 * 6 * DX) ** 2 / 1e5  # rho (omega L)^2 / E: twice the mean strain at the root of a long beam
+    assert slow[0].mean() < stretch
+    assert slow[0].max() < 10 * stretch, "at the corners of the root"
+    assert slow[1].max() < 0.01 * DX
+    assert 3.0 < fast[0].mean() / slow[0].mean() < 6.0, "it must go with the square of the rate"
+
+
+def test_a_shaken_beam_moves_as_in_the_accelerated_frame():
+    frames, amplitude, hz, rho, young = 30, 0.5 * DX, 4.0, 1000.0, 1e5
+    time = torch.arange(frames + 1, dtype=torch.float64) * PERIOD_S
+    shift = amplitude * (1 - torch.cos(2 * math.pi * hz * time))
+    poses = torch.eye(4, dtype=torch.float64).repeat(frames + 1, 1, 1)
+    poses[:, 1, 3] = shift
+    speed = torch.cat([shift[1:2], (shift[2:] - shift[:-2]) / 2, shift[-1:] - shift[-2:-1]]) / PERIOD_S  # as substep_poses has it at frames
+    shaken = simulator(block((10, 3, 3), dx=DX, per_cell=1.5, clamped=False, margin=5), substeps=45, period_s=PERIOD_S, handle=ROOT)
+    clamped = simulator(block((10, 3, 3), dx=DX, per_cell=1.5, margin=5), substeps=45, period_s=PERIOD_S)
+    inertia = torch.zeros(frames, *clamped.x_rest.shape, dtype=torch.float64)
+    inertia[..., 1] = (-rho * (speed[1:] - speed[:-1]) / PERIOD_S)[:, None]
+    start = clamped.rest(v=clamped.tensor([0.0, -float(speed[0]), 0.0]).expand_as(clamped.x_rest))
+    with torch.no_grad():
+        rides = clamped.rollout(start, full(clamped, young), full(clamped, 0.3), inertia, 0.0)
+    moved = roll(shaken, frames, young=young, handle_poses=poses)
+    tip = shaken.x_rest[:, 0] > 9 * DX
+    seen, expected = (a[:, tip, 1].mean(1) for a in (moved.x - shaken.x_rest, rides.x - clamped.x_rest))
+    bend = seen - shift
+    assert expected.abs().max() > 0.2 * DX, "the beam must bend for this to mean anything"
+    assert (bend - expected).abs().max() < 0.05 * expected.abs().max()
+
+
+@dataclasses.dataclass
+class Case:
+    """A deformed block in motion between a floor, a wall and a handle: inputs, and a scalar of the state a frame later."""
+
+    sim: Simulator
+    inputs: dict[str, Tensor]
+    weight: Tensor
+
+    def after(self, i: dict[str, Tensor]) -> Tensor:
+        poses = torch.stack([torch.eye(4).double(), torch.linalg.matrix_exp(twist_matrix(i["twist"]))])
+        path = substep_poses(poses, self.sim.substeps)[0]
+        borders = {"friction": i["friction"], "handle_path": path}
+        return self.sim.frame(State(i["state"]), i["young"], i["poisson"], i["force"], i["mass_damping"], **borders).data
+
+    def loss(self, inputs: dict[str, Tensor]) -> Tensor:
+        return (self.after(inputs) * self.weight).sum()
+
+
+def case(substeps: int, *, budget_mb: float = 64.0) -> Case:
+    body = block((5, 3, 3), dx=DX, per_cell=1.5, clamped=False, margin=4, jitter=0.2)
+    planes = [Plane((0.1, 0.05, 1.0), 0.0031, friction=0.3), Plane((0.0, 1.0, 0.1), 0.0027, "slip", 0.2)]
+    handle = Handle((0.0731, -1.0, -1.0), (1.0, 1.0, 1.0))
+    sim = simulator(
+        body, substeps=substeps, period_s=substeps * 4e-4, planes=planes, handle=handle, gravity=(0, 0, -G), memory_budget_mb=budget_mb
+    )
+    rng, count = np.random.default_rng(1), len(sim.volume)
+    draw = lambda *shape: sim.tensor(rng.normal(size=shape))  # noqa: E731
+    sink = sim.tensor([0.4, -0.2, -0.2])
+    state = sim.rest(v=sink + 0.2 * draw(count, 3), C=2 * draw(count, 3, 3), F=torch.eye(3) + 0.03 * draw(count, 3, 3))
+    inputs = {
+        "state": state.data,
+        "young": sim.tensor(rng.uniform(5e4, 2e5, count)),
+        "poisson": sim.tensor(rng.uniform(0.2, 0.4, count)),
+        "force": 3000 * draw(count, 3),
+        "mass_damping": sim.tensor(0.7),
+        "friction": sim.tensor([0.3, 0.2]),
+        "twist": draw(6) * sim.tensor([10, 10, 10, 0.3, 0.3, 0.3]) * substeps * 4e-4,
+    }
+    scale = sim.tensor(np.repeat([100.0, 1.0, 0.01, 1.0], [3, 3, 9, 9]))
+    return Case(sim, {k: v.clone().requires_grad_() for k, v in inputs.items()}, draw(count, 24) * scale)
+
+
+def relative_error(given: Case, name: str) -> float:
+    """Of the gradient along a random direction against the best of three central differences."""
+    value = given.inputs[name].detach()
+    size = value.abs().mean(0) if name == "state" else value.abs().mean()
+    step = given.sim.tensor(np.random.default_rng(2).normal(size=value.shape)) * size
+    (gradient,) = torch.autograd.grad(given.loss(given.inputs), given.inputs[name])
+    exact, errors = float((gradient * step).sum()), []
+    for size in (1e-4, 1e-5, 1e-6):
+        with torch.no_grad():
+            up, down = (float(given.loss({**given.inputs, name: value + sign * size * step})) for sign in (1, -1))
+        errors.append(abs((up - down) / (2 * size) - exact) / abs(exact))
+    return min(errors)
+
+
+@pytest.mark.parametrize("name", ["state", "young", "force", "mass_damping", "friction", "twist"])
+@pytest.mark.parametrize("substeps", [1, 50])
+def test_gradients_through_planes_and_handle_equal_central_differences(substeps, name):
+    assert relative_error(case(substeps), name) < 1e-5
+
+
+def test_kept_frames_and_replays_give_the_same_gradient_through_borders():
+    gradients, plans = [], []
+    for budget in (64.0, 0.0):
+        given = case(11, budget_mb=budget)
+        gradients.append(torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values())))
+        plans.append((given.sim.replay.plan.keep_velocity, given.sim.replay.plan.marks > 0))
+    assert plans == [(True, False), (False, True)]
+    assert all(torch.equal(a, b) for a, b in zip(*gradients, strict=True))
+
+
+@pytest.mark.parametrize("budget_mb", [64.0, 0.0])
+def test_one_launch_a_frame_and_one_launch_a_kernel_give_the_same_at_borders(budget_mb, monkeypatch):
+    results = []
+    for program in (Serial, Parallel):
+        monkeypatch.setitem(PROGRAMS, "cpu", program)
+        given = case(5, budget_mb=budget_mb)
+        results.append([given.after(given.inputs), *torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values()))])
+    assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
+
+
+def test_a_handles_path_needs_a_handle_and_a_pose_for_every_frame():
+    sim = simulator(block((3, 2, 2), dx=DX), substeps=5, period_s=PERIOD_S, planes=[Plane((0, 0, 1), 0.0)])
+    with pytest.raises(InputError, match="give the simulator a handle"):
+        roll(sim, 2, handle_poses=turning(2, 1.0))
+    held = simulator(block((3, 2, 2), dx=DX), substeps=5, period_s=PERIOD_S, handle=ROOT)
+    with pytest.raises(InputError, match="give one pose a frame"):
+        roll(held, 3, handle_poses=turning(2, 1.0))
