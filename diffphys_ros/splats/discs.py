@@ -73,6 +73,15 @@ def gaussians(discs: Discs, camera: Camera) -> Gaussians:
     return pose[:3, 3] + rays * discs.depth[:, None], rotation, torch.cat([scale, thickness], 1), discs.logit.sigmoid(), discs.color
 
 
+def leaning(discs: Discs, camera: Camera, slope: float, towards_rad: float) -> Discs:
+    """The same picture, disc by disc, of a surface that leans back by `slope` in a direction of the image: discs move along their
+    lines of sight and keep their size there; only which of two covers the other changes."""
+    direction = discs.pixel.new_tensor([np.cos(towards_rad), np.sin(towards_rad)])
+    across = (discs.pixel.detach() - discs.pixel.detach().mean(0)) @ direction / camera.focal_px
+    factor = 1 + slope * across
+    return replace(discs, depth=discs.depth * factor, log_scale=discs.log_scale + factor.log()[:, None])
+
+
 def to_splats(discs: Discs, camera: Camera) -> Splats:
     """The discs as data."""
     with torch.no_grad():
