@@ -130,7 +130,7 @@ def test_the_picture_does_not_depend_on_which_disc_covers_which(fitted, towards_
     """Two surfaces that lean opposite ways are drawn in opposite order, at the same places and sizes."""
     splats, camera, mask = fitted[1], made.camera(), made.mask()
     sight = splats.mean - camera.position
-    pixel, depth = camera.project(splats.mean.astype(float))
+    pixel, _ = camera.project(splats.mean.astype(float))
     across = (pixel - pixel.mean(0)) @ [np.cos(towards_rad), np.sin(towards_rad)] / camera.focal_px
     drawn = []
     for slope in (-0.06, 0.06):
