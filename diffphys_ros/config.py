@@ -45,7 +45,8 @@ class Scene:
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
     clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", length=6)
-    floor_z_m: float | None = setting(None, "height of the floor, world frame", unit="m")
+    floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m")
+    floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
 

@@ -11,7 +11,7 @@ import torch
 from ..fields import Layout, Unknowns
 from ..footprints import footprint_weights
 from ..particles import fill, fit_grid
-from ..simulate import ModalDamping, Simulator, State, substeps_per_frame
+from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
 from .calibrate import measure_apparent, motion_share
 from .linear import linear_coordinates
@@ -78,8 +78,17 @@ def _largest_motion(prepared: Prepared) -> float:
 class ForwardModel:
     """Unknowns z -> Motion, at a number of substeps that is frozen until E passes what it carries."""
 
-    def __init__(self, prepared: Prepared, disc: Discretisation, layout: Layout, *, device: str, dtype: torch.dtype = torch.float32):
-        self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
+    def __init__(
+        self,
+        prepared: Prepared,
+        disc: Discretisation,
+        layout: Layout,
+        *,
+        device: str,
+        dtype: torch.dtype = torch.float32,
+        planes: tuple[Plane, ...] = (),
+    ):
+        self.prepared, self.disc, self.layout, self.device, self.dtype, self.planes = prepared, disc, layout, device, dtype, planes
         self._simulator: Simulator | None = None
         self.capture(layout.young)
         tensor = self.simulator.tensor
@@ -94,7 +103,14 @@ class ForwardModel:
         body, clip = self.prepared.body, self.prepared.clip
         substeps = substeps_per_frame(young, body.poisson, body.density, dx=self.disc.grid.dx, period_s=clip.period_s)
         self.simulator = Simulator(
-            self.disc.particles, self.disc.grid, substeps=substeps, period_s=clip.period_s, gravity=body.gravity, device=self.device, dtype=self.dtype
+            self.disc.particles,
+            self.disc.grid,
+            substeps=substeps,
+            period_s=clip.period_s,
+            gravity=body.gravity,
+            device=self.device,
+            dtype=self.dtype,
+            planes=self.planes,
         )
         self.damping = self._modal_damping()
 

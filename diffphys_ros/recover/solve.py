@@ -15,6 +15,7 @@ from ..types import Recovery, Splats
 from .answer import assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint
 from .curvature import track_hessian
+from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise
 from .images import ImageTerm, Renderer
 from .linear import linear_displacement
@@ -65,7 +66,8 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
-    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype)
+    planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, planes=planes)
     renderer = None if splats is None else Renderer.of(prepared, disc, splats, device=device)
     weights, images = settings.fit, None
     if renderer is not None and (weights.image_weight > 0 or weights.depth_weight > 0):
