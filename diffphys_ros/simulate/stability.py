@@ -10,6 +10,7 @@ from ..errors import InputError, SimulationError
 from .forward import INVERTED, LEFT_GRID
 
 CFL = 0.5  # c_p dt / dx
+DIFFUSION = 0.25  # viscosity dt / (density dx^2); explicit transfers blow up at 0.4 to 0.6
 YOUNG_MARGIN = 1.5  # substeps are chosen for this times the stiffest Young's modulus of the moment
 
 
@@ -28,14 +29,20 @@ def substeps_per_frame(
     dx: float,
     period_s: float,
     margin: float = YOUNG_MARGIN,
+    viscosity_pa_s: float = 0.0,
 ) -> int:
-    """ceil(c_p period / (CFL dx)) at `margin` times the stiffest of Young's moduli [Pa]. Raises InputError."""
+    """ceil(c_p period / (CFL dx)) at `margin` times the stiffest of Young's moduli [Pa]; more where a viscous stress asks for it.
+
+    Raises InputError.
+    """
     speed = wave_speed(np.asarray(young, float) * margin, poisson, density)
     if not np.all(np.isfinite(speed) & (speed > 0)):
         raise InputError(
             "substeps: Young's modulus and density must be positive and Poisson's ratio in 0 .. 0.5 (exclusive); correct the start values"
         )
-    return max(1, math.ceil(float(speed.max()) * period_s / (CFL * dx) - 1e-9))
+    waves = float(speed.max()) * period_s / (CFL * dx)
+    diffusion = viscosity_pa_s * period_s / (DIFFUSION * float(np.min(density)) * dx**2)
+    return max(1, math.ceil(max(waves, diffusion) - 1e-9))
 
 
 def max_young(substeps: int, poisson: np.ndarray | float, density: np.ndarray | float, *, dx: float, period_s: float) -> np.ndarray:
@@ -43,6 +50,11 @@ def max_young(substeps: int, poisson: np.ndarray | float, density: np.ndarray | 
     nu, rho = np.asarray(poisson, float), np.asarray(density, float)
     speed = substeps * CFL * dx / period_s
     return speed**2 * (1 + nu) * (1 - 2 * nu) * rho / (1 - nu)
+
+
+def max_viscosity(substeps: int, density: np.ndarray | float, *, dx: float, period_s: float) -> float:
+    """Largest dynamic viscosity [Pa s] that `substeps` per frame carry."""
+    return DIFFUSION * float(np.min(density)) * dx**2 * substeps / period_s
 
 
 def raise_for_flag(code: int, *, particles: int, frame: int, substeps: int, where: np.ndarray, stiffest: float, allowed: float) -> None:

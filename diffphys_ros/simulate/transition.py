@@ -16,10 +16,10 @@ from ..types import Grid, Particles
 from .borders import Borders, Handle, Plane
 from .force_lattice import ForceLattice
 from .handle import node_motion, substep_poses
-from .laws import LAWS, constants
+from .laws import LAWS, VISCOSITY, constants
 from .replay import Replay
 from .scratch import NO_FLAG
-from .stability import max_young, raise_for_flag
+from .stability import max_viscosity, max_young, raise_for_flag
 from .state import State
 
 FORCE_ON = ("particles", "nodes", "lattice")
@@ -99,6 +99,7 @@ class Simulator:
         self.gravity = self.tensor(np.asarray(gravity, float))
         self._check_reach()
         self.law, self.law_parameters = LAWS[law], constants.checked(law, LAWS[law], law_parameters or {})
+        self._check_viscosity()
         self.nodal = force_on != "particles"
         self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
         self.borders = Borders(tuple(planes), handle)
@@ -282,6 +283,14 @@ class Simulator:
             stiffest=float((mu * (3 * lam + 2 * mu) / (lam + mu)).max()),
             allowed=self.max_young(),
         )
+
+    def _check_viscosity(self) -> None:
+        viscosity = float(torch.as_tensor(self.law_parameters.get(VISCOSITY, 0.0)).max())
+        carried = max_viscosity(self.substeps, self.particles.density, dx=self.grid.dx, period_s=self.period_s)
+        if viscosity > carried:
+            raise InputError(
+                f"{VISCOSITY} is {viscosity:.3g} Pa s, too large for {self.substeps} substeps; lower it below {carried:.3g} or raise the substeps"
+            )
 
     def _check_reach(self) -> None:
         cells = (self.particles.x_rest - self.grid.origin) / self.grid.dx

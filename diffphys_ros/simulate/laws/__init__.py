@@ -11,9 +11,9 @@ from . import (
     von_mises,
     weakly_compressible,
 )
-from .law import Functions, Law, Parameter
+from .law import VISCOSITY, Functions, Law, Parameter
 
-__all__ = ["LAWS", "Functions", "Law", "Parameter", "law_of"]
+__all__ = ["LAWS", "VISCOSITY", "Functions", "Law", "Parameter", "law_of"]
 
 LAWS: dict[str, Law] = {
     "neo_hookean": neo_hookean.LAW,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 CONSTANTS = 4  # numbers that a law has of a particle
+VISCOSITY = "viscosity_pa_s"  # name of the parameter that bounds the time step of a viscous law
 
 
 class Functions(NamedTuple):

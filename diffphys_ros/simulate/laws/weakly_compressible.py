@@ -8,7 +8,7 @@ tau = -J p I + 2 eta J dev(sym C) with the viscosity eta. The fluid remembers it
 
 import warp as wp
 
-from .law import Functions, Law, Parameter
+from .law import VISCOSITY, Functions, Law, Parameter
 
 
 def build(real: type) -> Functions:
@@ -65,6 +65,8 @@ def build(real: type) -> Functions:
     return Functions(stress, stress_adjoint, project, project_adjoint, viscous_stress, viscous_stress_adjoint)
 
 
-VISCOSITY = Parameter("viscosity_pa_s", 0.0, 0.0, 1e9, "dynamic viscosity [Pa s]")
-EXPONENT = Parameter("pressure_exponent", 7.0, 0.1, 50.0, "gamma in Tait's equation")
-LAW = Law(build, (VISCOSITY, EXPONENT), elastic=False)
+PARAMETERS = (
+    Parameter(VISCOSITY, 0.0, 0.0, 1e9, "dynamic viscosity [Pa s]"),
+    Parameter("pressure_exponent", 7.0, 0.1, 50.0, "gamma in Tait's equation"),
+)
+LAW = Law(build, PARAMETERS, elastic=False)
