@@ -116,6 +116,7 @@ class Fit:
     time_budget_s: float = setting(1500.0, "the fit chooses cells, particles and iterations to end inside it", unit="s", low=1.0, high=1e6)
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
     schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess", choices=("auto", "modes", "joint"))
+    law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)
     image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)

@@ -86,9 +86,11 @@ class ForwardModel:
         *,
         device: str,
         dtype: torch.dtype = torch.float32,
+        law: str,
         planes: tuple[Plane, ...] = (),
     ):
-        self.prepared, self.disc, self.layout, self.device, self.dtype, self.planes = prepared, disc, layout, device, dtype, planes
+        self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
+        self.law, self.planes = law, planes
         self._simulator: Simulator | None = None
         self.capture(layout.young)
         tensor = self.simulator.tensor
@@ -110,6 +112,7 @@ class ForwardModel:
             gravity=body.gravity,
             device=self.device,
             dtype=self.dtype,
+            law=self.law,
             planes=self.planes,
         )
         self.damping = self._modal_damping()

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..losses import foreground
 from ..modes.model import ModalModel
 from ..types import Body, Clip, StartValues, Tracks
+from .law import law_to_fit
 from .progress import Progress
 
 LEAST_FRAMES = 8  # fewer cannot show an oscillation
@@ -61,6 +62,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     from ..tracks import follow
 
     check_clip(clip)
+    law_to_fit(settings)
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
     check_clip(clip)

@@ -18,6 +18,7 @@ from .curvature import track_hessian
 from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise
 from .images import ImageTerm, Renderer
+from .law import law_to_fit
 from .linear import linear_displacement
 from .minimise import Iterate, begin, minimise
 from .objective import Objective, Prior
@@ -67,7 +68,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
-    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, planes=planes)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes)
     renderer = None if splats is None else Renderer.of(prepared, disc, splats, device=device)
     weights, images = settings.fit, None
     if renderer is not None and (weights.image_weight > 0 or weights.depth_weight > 0):
