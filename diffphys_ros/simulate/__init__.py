@@ -4,8 +4,20 @@ from .borders import Handle, Plane
 from .damping import ModalDamping
 from .force_lattice import ForceLattice
 from .handle import substep_poses
+from .lattice_modes import lattice_modes
 from .stability import max_young, substeps_per_frame
 from .state import State
 from .transition import Simulator
 
-__all__ = ["ForceLattice", "Handle", "ModalDamping", "Plane", "Simulator", "State", "max_young", "substep_poses", "substeps_per_frame"]
+__all__ = [
+    "ForceLattice",
+    "Handle",
+    "ModalDamping",
+    "Plane",
+    "Simulator",
+    "State",
+    "lattice_modes",
+    "max_young",
+    "substep_poses",
+    "substeps_per_frame",
+]

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 
 KINDS = ("sticky", "slip", "separate")
+EDGE = 1e-3  # nodes this share of a cell outside still belong to a plane or box: rounding does not decide about aligned ones
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Handle:
     def pose(self) -> np.ndarray:
         """Transform from the handle's to the body frame where it takes hold, shape (4, 4)."""
         return np.eye(4) if self.body_from_handle is None else np.asarray(self.body_from_handle, float)
+
+    def holds(self, nodes: np.ndarray, *, dx: float) -> np.ndarray:
+        """Which of the nodes at (..., 3) [m] of a grid of spacing `dx` [m] it holds where it takes hold."""
+        local = (nodes - self.pose[:3, 3]) @ self.pose[:3, :3]
+        return np.all((local >= np.asarray(self.low) - EDGE * dx) & (local <= np.asarray(self.high) + EDGE * dx), -1)
 
 
 @dataclass(frozen=True)

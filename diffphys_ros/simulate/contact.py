@@ -5,14 +5,13 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .borders import KINDS
+from .borders import EDGE, KINDS
 from .common import common
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
 
 STICKY, SLIP, SEPARATE = range(len(KINDS))
-EDGE = 1e-3  # nodes this share of a cell outside still belong to a plane or box: rounding does not decide about aligned ones
 
 
 @cache
