@@ -272,3 +272,39 @@ def test_a_handles_path_needs_a_handle_and_a_pose_for_every_frame():
     held = simulator(block((3, 2, 2), dx=DX), substeps=5, period_s=PERIOD_S, handle=ROOT)
     with pytest.raises(InputError, match="give one pose a frame"):
         roll(held, 3, handle_poses=turning(2, 1.0))
+
+
+def solved(function, guess: float, *, steps: int = 6) -> float:
+    """Root of a function of a tensor, by Newton's method with its gradient."""
+    value = torch.tensor(guess, dtype=torch.float64)
+    for _ in range(steps):
+        value.requires_grad_()
+        miss = function(value)
+        (slope,) = torch.autograd.grad(miss, value)
+        value = (value - miss / slope).detach()
+    return float(value)
+
+
+def test_friction_is_recovered_from_how_far_a_block_slid():
+    sim, down, _ = tilted(30, 0.0)
+
+    def slid(friction: Tensor) -> Tensor:
+        path = sim.rollout(sim.rest(), full(sim, 2e5), full(sim, 0.3), torch.zeros(6, *sim.x_rest.shape), 0.0, friction=friction.reshape(1))
+        return mean(sim, path.x[-1] - path.x[0]) @ down
+
+    seen = slid(torch.tensor(0.27, dtype=torch.float64)).detach()
+    assert solved(lambda friction: slid(friction) - seen, 0.1) == pytest.approx(0.27, rel=1e-3)
+
+
+def test_stiffness_is_recovered_from_a_beam_that_a_handle_shook():
+    sim = simulator(block((8, 2, 2), dx=DX, clamped=False, margin=4), substeps=45, period_s=PERIOD_S, handle=ROOT)
+    poses = torch.eye(4, dtype=torch.float64).repeat(7, 1, 1)
+    poses[:, 2, 3] = 0.3 * DX * torch.tensor([0.0, 0.5, 1.0, 1.0, 0.5, 0.0, -0.5])
+
+    def tip(log_young: Tensor) -> Tensor:
+        young = full(sim, 1.0) * log_young.exp()
+        path = sim.rollout(sim.rest(), young, full(sim, 0.3), torch.zeros(6, *sim.x_rest.shape), 0.0, handle_poses=poses)
+        return path.x[-1, sim.x_rest[:, 0] > 7 * DX, 2].mean()
+
+    seen = tip(torch.tensor(math.log(6e4), dtype=torch.float64)).detach()
+    assert math.exp(solved(lambda log_young: tip(log_young) - seen, math.log(4.5e4))) == pytest.approx(6e4, rel=1e-3)
