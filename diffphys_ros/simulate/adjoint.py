@@ -18,33 +18,28 @@ from .contact import contact
 from .forward import forward
 from .laws import law_of
 from .transfer import stencil, transfer
+from .world import Variant
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
 
 
 @cache
-def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint; arguments as for forward.forward."""
-    model, t, momentum_field = law_of(law, real), common(real), forward(law, real, nodal, bordered).momentum_field
+def adjoint(variant: Variant) -> SimpleNamespace:
+    """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint."""
+    real, lanes, bordered, pitch = variant.real, variant.lanes, variant.bordered, variant.pitch
+    model, t, momentum_field = law_of(variant.law, real), common(real), forward(variant).momentum_field
     stress_adjoint, viscous_stress_adjoint, project_adjoint = model.stress_adjoint, model.viscous_stress_adjoint, model.project_adjoint
     vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
-    cell, inside, affine, gradient, lower, lift, around, Load = (
-        t.cell,
-        t.inside,
-        t.affine,
-        t.gradient,
-        t.lower,
-        t.lift,
-        stencil(real).around,
-        stencil(real).Load,
-    )
+    cell, affine, gradient, lift, lower = t.cell, t.affine, t.gradient, t.lift, t.lower
+    around, Load = stencil(real).around, stencil(real).Load
     Borders, meet_adjoint = contact(real, bordered).Borders, contact(real, bordered).meet_adjoint
-    scatter_slope = transfer(real, scatters=True, slopes=True)
-    gather_slope = transfer(real, gathers=True, slopes=True, loaded=nodal)
+    scatter_slope = transfer(real, lanes, scatters=True, slopes=True, pitch=pitch)
+    gather_slope = transfer(real, lanes, gathers=True, slopes=True, loaded=variant.nodal)
 
     @wp.func
     def g2p_adjoint(
+        lane: int,
         lattice: Lattice,
         particle: Particle,
         following: Particle,
@@ -56,9 +51,6 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         velocity_bar: wp.array(dtype=vec4),
     ):
         """`bar` holds the adjoint of the `following` state; returns what of it the nodes do not pass on."""
-        u = cell(lattice, particle.x)
-        if not inside(lattice, u):
-            return bar, material_bar
         F_bar = bar.F
         if wp.static(project_adjoint is not None):
             F_trial = particle.F + lattice.dt * (following.C * particle.F)
@@ -66,7 +58,8 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
             material_bar.constants = material_bar.constants + constants_bar
         Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(particle.F)))
         field = affine(bar.v + lattice.dt * bar.x, real(0.0), Q)
-        _, slope = scatter_slope(around(lattice, u), field, velocity, at, velocity_bar, Load())
+        stencil = around(lattice, cell(lattice, particle.x))
+        _, slope = scatter_slope(lane, stencil, field, velocity, at, velocity_bar, Load())
         x_bar = bar.x + (slope - wp.transpose(Q) * following.v) / lattice.dx
         return Particle(x_bar, vec3(), mat33(), F_bar + lattice.dt * (wp.transpose(following.C) * F_bar)), material_bar
 
@@ -76,7 +69,7 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         lattice: Lattice,
         at: int,
         substep: int,
-        drag: wp.array(dtype=real),
+        drag: real,
         borders: Borders,
         velocity: wp.array(dtype=vec4),
         velocity_bar: wp.array(dtype=vec4),
@@ -84,23 +77,27 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         drag_bar: wp.array(dtype=real),
         borders_bar: Borders,
     ):
-        b = velocity_bar[n]
+        """Node n of the box."""
+        m = lattice.base + n
+        b = velocity_bar[m]
         if b[0] == real(0.0) and b[1] == real(0.0) and b[2] == real(0.0):
-            momentum_bar[n] = vec4()
+            momentum_bar[m] = vec4()
             return
-        velocity_bar[n] = vec4()
-        v = velocity[at + n]
+        velocity_bar[m] = vec4()
+        place = at + pitch * m
+        v = velocity[place]
         scale = v[3]
         if wp.static(bordered):  # noqa: SIM102 (static: compiled or not)
             if scale != real(0.0):
-                v = velocity[at + lattice.nx * lattice.ny * lattice.nz + n]
+                v = velocity[place + 1]
                 b = lift(meet_adjoint(lattice, borders, substep, n, lower(v), lower(b), borders_bar), real(0.0))
-        along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / drag[0]
-        momentum_bar[n] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
-        drag_bar[n] = drag_bar[n] + along
+        along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / drag
+        momentum_bar[m] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
+        drag_bar[m] = drag_bar[m] + along
 
     @wp.func
     def p2g_adjoint(
+        lane: int,
         lattice: Lattice,
         particle: Particle,
         material: Material,
@@ -111,13 +108,11 @@ def adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         node_force_bar: wp.array(dtype=vec3),
     ):
         """`bar` holds what g2p_adjoint returned; returns the adjoint of the state, and `material_bar` with this substep's share."""
-        u = cell(lattice, particle.x)
-        if not inside(lattice, u):
-            return bar, material_bar
         impulse, mass = lattice.dt * material.volume, material.mass
         field = momentum_field(lattice, particle, material)
         load = Load(impulse, node_force, node_force_bar)
-        moments, slope = gather_slope(around(lattice, u), field, momentum_bar, 0, momentum_bar, load)
+        stencil = around(lattice, cell(lattice, particle.x))
+        moments, slope = gather_slope(lane, stencil, field, momentum_bar, 0, momentum_bar, load)
         b_bar = lower(moments.b)
         A_bar = lattice.dx * gradient(moments)
         tau_bar = (-lattice.affine * impulse) * A_bar

@@ -15,9 +15,11 @@ from . import lanes
 def common(real: type) -> SimpleNamespace:
     """Everything below, over `real` (wp.float32 or wp.float64)."""
     vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
+    States = wp.array3d(dtype=vec4)  # of consecutive substeps, (slots, simulations x P, 6): State's 24 scalars; or an adjoint in slot 0
 
     @wp.struct
-    class Lattice:
+    class Lattice:  # the box of the grid that one simulation runs on
+        simulation: int
         origin: vec3  # node (0, 0, 0) [m]
         dx: real  # [m]
         dt: real  # [s]
@@ -26,14 +28,8 @@ def common(real: type) -> SimpleNamespace:
         nx: int
         ny: int
         nz: int
+        base: int  # index of node (0, 0, 0) in the nodal arrays
         clamp_index: int  # nodes with i <= clamp_index are held
-
-    @wp.struct
-    class States:  # of consecutive substeps, each (slots, P); or the adjoint of one, in slot 0
-        x: wp.array2d(dtype=vec3)
-        v: wp.array2d(dtype=vec3)
-        C: wp.array2d(dtype=mat33)
-        F: wp.array2d(dtype=mat33)
 
     @wp.struct
     class Materials:  # of all particles, and the force density per node (or one unused entry)
@@ -85,12 +81,8 @@ def common(real: type) -> SimpleNamespace:
     @wp.func
     def affine(b: vec3, w: real, A: mat33):
         zero = real(0.0)
-        return Affine(
-            lift(b, w),
-            lift(A * vec3(real(1.0), zero, zero), zero),
-            lift(A * vec3(zero, real(1.0), zero), zero),
-            lift(A * vec3(zero, zero, real(1.0)), zero),
-        )
+        x, y, z = vec4(A[0, 0], A[1, 0], A[2, 0], zero), vec4(A[0, 1], A[1, 1], A[2, 1], zero), vec4(A[0, 2], A[1, 2], A[2, 2], zero)
+        return Affine(lift(b, w), x, y, z)
 
     @wp.func
     def gradient(m: Affine):
@@ -98,14 +90,20 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.func
     def load(states: States, slot: int, p: int):
-        return Particle(states.x[slot, p], states.v[slot, p], states.C[slot, p], states.F[slot, p])
+        a, b, c = states[slot, p, 0], states[slot, p, 1], states[slot, p, 2]
+        d, e, f = states[slot, p, 3], states[slot, p, 4], states[slot, p, 5]
+        C = mat33(b[2], b[3], c[0], c[1], c[2], c[3], d[0], d[1], d[2])
+        return Particle(vec3(a[0], a[1], a[2]), vec3(a[3], b[0], b[1]), C, mat33(d[3], e[0], e[1], e[2], e[3], f[0], f[1], f[2], f[3]))
 
     @wp.func
-    def store(states: States, slot: int, p: int, particle: Particle):
-        states.x[slot, p] = particle.x
-        states.v[slot, p] = particle.v
-        states.C[slot, p] = particle.C
-        states.F[slot, p] = particle.F
+    def store(states: States, slot: int, p: int, s: Particle):
+        C, F = s.C, s.F
+        states[slot, p, 0] = vec4(s.x[0], s.x[1], s.x[2], s.v[0])
+        states[slot, p, 1] = vec4(s.v[1], s.v[2], C[0, 0], C[0, 1])
+        states[slot, p, 2] = vec4(C[0, 2], C[1, 0], C[1, 1], C[1, 2])
+        states[slot, p, 3] = vec4(C[2, 0], C[2, 1], C[2, 2], F[0, 0])
+        states[slot, p, 4] = vec4(F[0, 1], F[0, 2], F[1, 0], F[1, 1])
+        states[slot, p, 5] = vec4(F[1, 2], F[2, 0], F[2, 1], F[2, 2])
 
     @wp.func
     def material_of(materials: Materials, p: int):

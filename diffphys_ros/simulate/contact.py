@@ -47,11 +47,11 @@ def _met(real: type) -> SimpleNamespace:
         normal: wp.array(dtype=vec3)  # of each plane, unit
         offset: wp.array(dtype=real)  # [m]
         kind: wp.array(dtype=int)  # index in KINDS
-        friction: wp.array(dtype=real)
+        friction: wp.array2d(dtype=real)  # of each simulation's planes
         low: vec3  # of the handle's box, in its frame [m]; empty where there is no handle
         high: vec3
-        motion: wp.array(dtype=mat34)  # of the handle in each substep: velocity = motion (x, 1) [1/s, m/s]
-        handle_from_body: wp.array(dtype=mat34)  # at each substep
+        motion: wp.array2d(dtype=mat34)  # of each simulation's handle in each substep: velocity = motion (x, 1) [1/s, m/s]
+        handle_from_body: wp.array2d(dtype=mat34)  # at each substep
 
     @wp.func
     def place(lattice: Lattice, n: int):
@@ -64,8 +64,8 @@ def _met(real: type) -> SimpleNamespace:
         return wp.dot(borders.normal[plane], x) <= borders.offset[plane] + slack
 
     @wp.func
-    def held(borders: Borders, substep: int, x: vec3, slack: real):
-        y = borders.handle_from_body[substep] * vec4(x[0], x[1], x[2], real(1.0))
+    def held(borders: Borders, simulation: int, substep: int, x: vec3, slack: real):
+        y = borders.handle_from_body[simulation, substep] * vec4(x[0], x[1], x[2], real(1.0))
         over = wp.max(borders.low - y, y - borders.high)
         return wp.max(over[0], wp.max(over[1], over[2])) <= slack
 
@@ -111,11 +111,11 @@ def _met(real: type) -> SimpleNamespace:
         return (left / speed) * (flat_bar - share * way) + share * way + (friction * share) * normal, into * share
 
     @wp.func
-    def after_planes(borders: Borders, count: int, x: vec3, slack: real, v: vec3):
+    def after_planes(borders: Borders, simulation: int, count: int, x: vec3, slack: real, v: vec3):
         """Velocity that the first `count` planes leave of v."""
         for plane in range(count):
             if below(borders, plane, x, slack):
-                v = bounce(v, borders.normal[plane], borders.kind[plane], borders.friction[plane])
+                v = bounce(v, borders.normal[plane], borders.kind[plane], borders.friction[simulation, plane])
         return v
 
     @wp.func
@@ -123,9 +123,9 @@ def _met(real: type) -> SimpleNamespace:
         """Velocity of node n after the handle, or after the planes in order."""
         x = place(lattice, n)
         slack = edge * lattice.dx
-        if held(borders, substep, x, slack):
-            return borders.motion[substep] * vec4(x[0], x[1], x[2], real(1.0))
-        return after_planes(borders, borders.normal.shape[0], x, slack, v)
+        if held(borders, lattice.simulation, substep, x, slack):
+            return borders.motion[lattice.simulation, substep] * vec4(x[0], x[1], x[2], real(1.0))
+        return after_planes(borders, lattice.simulation, borders.normal.shape[0], x, slack, v)
 
     @wp.func
     def meet_adjoint(
@@ -140,17 +140,17 @@ def _met(real: type) -> SimpleNamespace:
         """Adjoint of the velocity `free` that node n had before; those of friction and motion are added up."""
         x = place(lattice, n)
         slack = edge * lattice.dx
-        if held(borders, substep, x, slack):
-            wp.atomic_add(borders_bar.motion, substep, wp.outer(bar, vec4(x[0], x[1], x[2], real(1.0))))
+        if held(borders, lattice.simulation, substep, x, slack):
+            wp.atomic_add(borders_bar.motion, lattice.simulation, substep, wp.outer(bar, vec4(x[0], x[1], x[2], real(1.0))))
             return vec3()
         planes = borders.normal.shape[0]
         for back in range(planes):
             plane = planes - 1 - back
             if below(borders, plane, x, slack):
-                v = after_planes(borders, plane, x, slack, free)
-                bar, slope = bounce_adjoint(v, borders.normal[plane], borders.kind[plane], borders.friction[plane], bar)
+                v = after_planes(borders, lattice.simulation, plane, x, slack, free)
+                bar, slope = bounce_adjoint(v, borders.normal[plane], borders.kind[plane], borders.friction[lattice.simulation, plane], bar)
                 if slope != real(0.0):
-                    wp.atomic_add(borders_bar.friction, plane, slope)
+                    wp.atomic_add(borders_bar.friction, lattice.simulation, plane, slope)
         return bar
 
     return SimpleNamespace(Borders=Borders, mat34=mat34, meet=meet, meet_adjoint=meet_adjoint)

@@ -45,8 +45,9 @@ class ModalDamping:
         return cls(see(shapes), see(gradients), see(angular_frequencies), mass, period_s=simulator.period_s)
 
     def kick(self, state: State, beta: Tensor | float) -> State:
-        """The state after one frame's worth of viscous loss; `beta` [s] >= 0. Differentiable in both."""
-        amplitude = self.projection @ state.v.flatten()
+        """The state after one frame's worth of viscous loss; `beta` [s] >= 0, in a batch also (B,). Differentiable in both."""
+        beta = torch.as_tensor(beta, dtype=self.rates.dtype, device=self.rates.device)[..., None]
+        amplitude = state.v.flatten(-2) @ self.projection.T
         lost = -torch.expm1(-beta * self.rates) * amplitude
-        v = state.v - self.shapes @ lost
-        return state.replace(v=v, C=state.C - self.gradients @ lost)
+        v = state.v - (lost @ self.shapes.flatten(0, -2).T).view_as(state.v)
+        return state.replace(v=v, C=state.C - (lost @ self.gradients.flatten(0, -2).T).view_as(state.C))

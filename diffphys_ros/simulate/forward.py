@@ -1,7 +1,7 @@
 """The three parts of one substep: explicit MLS-MPM with APIC transfers (Hu et al. 2018; paper Eq. 6 and 7).
 
     p2g     a particle -> momentum and mass of its nodes, elastic stress and forces included
-    grid    a node's velocity, written from node `at` on: drag, Dirichlet nodes; empties its momentum for the next substep
+    grid    a node's velocity, written from index `at` on: drag, Dirichlet nodes; empties its momentum for the next substep
     g2p     nodes -> a particle's x, v, C, F in the next substep
 
 Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass).
@@ -16,6 +16,7 @@ from .common import common
 from .contact import contact
 from .laws import law_of
 from .transfer import stencil, transfer
+from .world import Variant
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -24,17 +25,16 @@ LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep *
 
 
 @cache
-def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Warp functions p2g, grid, g2p, check for a law's name and a scalar type; `nodal`: a force density on the nodes acts too;
-    `bordered`: nodes meet planes and a handle, and what velocity they had before follows the `velocity` of all nodes."""
-    model, t = law_of(law, real), common(real)
+def forward(variant: Variant) -> SimpleNamespace:
+    """Warp functions p2g, grid, g2p, check."""
+    real, lanes, bordered, pitch = variant.real, variant.lanes, variant.bordered, variant.pitch
+    model, t = law_of(variant.law, real), common(real)
     stress, viscous_stress, project = model.stress, model.viscous_stress, model.project
-    vec3, vec4, Lattice, Particle, Material = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material
+    vec3, vec4, Lattice, Particle, Material, Affine = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material, t.Affine
     cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
-    around = stencil(real).around
-    Load = stencil(real).Load
+    around, Load = stencil(real).around, stencil(real).Load
     Borders, meet = contact(real, bordered).Borders, contact(real, bordered).meet
-    scatter, gather = transfer(real, scatters=True, loaded=nodal), transfer(real, gathers=True)
+    scatter, gather = transfer(real, lanes, scatters=True, loaded=variant.nodal), transfer(real, lanes, gathers=True, pitch=pitch)
 
     @wp.func
     def momentum_field(lattice: Lattice, particle: Particle, material: Material):
@@ -47,13 +47,19 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         return affine(material.mass * particle.v + impulse * material.body, material.mass, lattice.dx * A)
 
     @wp.func
-    def p2g(lattice: Lattice, particle: Particle, material: Material, node_force: wp.array(dtype=vec3), momentum: wp.array(dtype=vec4)):
-        u = cell(lattice, particle.x)
-        if inside(lattice, u):
-            load = Load()
-            load.factor = lattice.dt * material.volume
-            load.force = node_force
-            scatter(around(lattice, u), momentum_field(lattice, particle, material), momentum, 0, momentum, load)
+    def p2g(
+        lane: int,
+        lattice: Lattice,
+        particle: Particle,
+        material: Material,
+        node_force: wp.array(dtype=vec3),
+        momentum: wp.array(dtype=vec4),
+    ):
+        load = Load()
+        load.factor = lattice.dt * material.volume
+        load.force = node_force
+        stencil = around(lattice, cell(lattice, particle.x))
+        scatter(lane, stencil, momentum_field(lattice, particle, material), momentum, 0, momentum, load)
 
     @wp.func
     def grid(
@@ -61,30 +67,31 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         lattice: Lattice,
         at: int,
         substep: int,
-        drag: wp.array(dtype=real),
+        drag: real,
         borders: Borders,
         momentum: wp.array(dtype=vec4),
         velocity: wp.array(dtype=vec4),
     ):
-        q = momentum[n]
+        """Node n of the box. What it meets at borders leaves its velocity before in the place behind."""
+        m = lattice.base + n
+        q = momentum[m]
         if q[3] == real(0.0):
             return
-        momentum[n] = vec4()
+        momentum[m] = vec4()
+        place = at + pitch * m
         if n < (lattice.clamp_index + 1) * lattice.ny * lattice.nz or q[3] <= lattice.empty_mass:
-            velocity[at + n] = vec4()
+            velocity[place] = vec4()
         else:
-            scale = drag[0] / q[3]
+            scale = drag / q[3]
             v = scale * lower(q)
-            velocity[at + n] = lift(meet(lattice, borders, substep, n, v), scale)
+            velocity[place] = lift(meet(lattice, borders, substep, n, v), scale)
             if wp.static(bordered):
-                velocity[at + lattice.nx * lattice.ny * lattice.nz + n] = lift(v, scale)
+                velocity[place + 1] = lift(v, scale)
 
     @wp.func
-    def g2p(lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
-        u = cell(lattice, particle.x)
-        if not inside(lattice, u):
-            return particle
-        moments, _ = gather(around(lattice, u), t.Affine(), velocity, at, velocity, Load())
+    def g2p(lane: int, lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
+        stencil = around(lattice, cell(lattice, particle.x))
+        moments, _ = gather(lane, stencil, Affine(), velocity, at, velocity, Load())
         v = lower(moments.b)
         C = (lattice.affine * lattice.dx) * gradient(moments)
         F = particle.F + lattice.dt * (C * particle.F)
@@ -93,15 +100,16 @@ def forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespac
         return Particle(particle.x + lattice.dt * v, v, C, F)
 
     @wp.func
-    def check(p: int, lattice: Lattice, particle: Particle, substep: int, particles: int, flag: wp.array(dtype=wp.int64)):
-        """Note the first particle whose next state no longer makes sense."""
-        ratio = wp.determinant(particle.F)
-        if not (inside(lattice, cell(lattice, particle.x)) and ratio > real(0.0) and wp.isfinite(ratio)):
+    def check(p: int, particles: int, lattice: Lattice, after: Particle, substep: int, flags: wp.array(dtype=wp.int64)):
+        """Note the first particle of a simulation whose next state no longer makes sense."""
+        ratio = wp.determinant(after.F)
+        if not (inside(lattice, cell(lattice, after.x)) and ratio > real(0.0) and wp.isfinite(ratio)):
             reason = wp.int64(LEFT_GRID)
             if ratio <= real(0.0):
                 reason = wp.int64(INVERTED)
-            if not wp.isfinite(wp.length_sq(particle.x) + ratio):
+            if not wp.isfinite(wp.length_sq(after.x) + ratio):
                 reason = wp.int64(NON_FINITE)
-            wp.atomic_min(flag, 0, (wp.int64(substep) * wp.int64(particles) + wp.int64(p)) * wp.int64(4) + reason)
+            code = (wp.int64(substep) * wp.int64(particles) + wp.int64(p % particles)) * wp.int64(4) + reason
+            wp.atomic_min(flags, p // particles, code)
 
     return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p, check=check, momentum_field=momentum_field)

@@ -33,13 +33,13 @@ def substep_poses(poses: Tensor, substeps: int) -> Tensor:
 
 
 def node_motion(poses: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-    """What the kernels need of poses (K + 1, 4, 4) at substep boundaries `dt` [s] apart: affine velocities (K, 3, 4) such
+    """What the kernels need of poses (K + 1, ..., 4, 4) at substep boundaries `dt` [s] apart: affine velocities (K, ..., 3, 4) such
     that x + dt v(x) is the rigid motion itself (v + omega x r to first order; held material neither drifts nor
-    strains), and handle_from_body (K, 3, 4), which says what is held and carries no gradient."""
+    strains), and handle_from_body (K, ..., 3, 4), which says what is held and carries no gradient."""
     poses = poses.double()
     there = inverse(poses[:-1])
     step = poses[1:] @ there - torch.eye(4, dtype=torch.float64, device=poses.device)
-    return step[:, :3] / dt, there[:, :3].detach()
+    return step[..., :3, :] / dt, there[..., :3, :].detach()
 
 
 def inverse(poses: Tensor) -> Tensor:

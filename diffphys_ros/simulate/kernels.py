@@ -1,9 +1,9 @@
 """Kernels made of the functions in forward.py and adjoint.py, in two shapes.
 
-`serial`: one thread runs many substeps; on a CPU, where Warp runs threads one after the other, this leaves out the
-launches. `parallel`: one launch per part of a substep, a thread per particle or node, for CUDA. Both run g2p of a substep
-together with p2g of the next, and back again. Modules are built per law and scalar type when first used, the adjoint
-apart from the forward pass.
+`serial`: one thread runs many substeps of one simulation; on a CPU, where Warp runs threads one after the other, this
+leaves out the launches. `parallel`: one launch per part of a substep, for CUDA, over the particles or nodes of all
+simulations. Both run g2p of a substep together with p2g of the next, and back again. Modules are built per variant when
+first used, the adjoint apart from the forward pass.
 """
 
 from functools import cache
@@ -14,8 +14,9 @@ import warp as wp
 
 from .adjoint import adjoint
 from .common import common
-from .contact import contact
 from .forward import forward
+from .lanes import sharing
+from .world import Variant, world_of
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -23,318 +24,304 @@ from .forward import forward
 OPTIONS = {"enable_backward": False, "max_unroll": 3}
 
 
-def kernel(name: str, law: str, real: type, nodal: bool, bordered: bool) -> Any:
+def kernel(name: str, variant: Variant) -> Any:
     """Decorator that puts a kernel into the Warp module of this name and variant."""
-    module = wp.get_module(f"diffphys_ros.simulate.{name}_{law}_{real.__name__}" + "_nodal" * nodal + "_bordered" * bordered)
+    module = wp.get_module(f"diffphys_ros.simulate.{name}_{variant.label}")
     module.options |= OPTIONS
     return wp.kernel(enable_backward=False, module=module)
 
 
 @cache
-def particle_forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Warp functions over one particle: `begin` a run of substeps, `advance` to the next slot and begin from there."""
-    part, t = forward(law, real, nodal, bordered), common(real)
+def particle_forward(variant: Variant) -> SimpleNamespace:
+    """Warp functions over particle p of all: `begin` a run of substeps, `advance` to the next slot and begin from there."""
+    part, t, World = forward(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
 
     @wp.func
-    def begin(p: int, lattice: t.Lattice, slot: int, states: t.States, materials: t.Materials, momentum: wp.array(dtype=t.vec4)):
-        p2g(lattice, load(states, slot, p), material_of(materials, p), materials.node_force, momentum)
+    def begin(p: int, lane: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
+        p2g(lane, lattice, load(states, slot, p), material_of(world.materials, p), world.materials.node_force, momentum)
 
     @wp.func
     def advance(
         p: int,
+        lane: int,
         lattice: t.Lattice,
         slot: int,
         next_slot: int,
         substep: int,
         ends: bool,
         at: int,
-        materials: t.Materials,
+        world: World,
         velocity: wp.array(dtype=t.vec4),
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
-        flag: wp.array(dtype=wp.int64),
+        flags: wp.array(dtype=wp.int64),
     ):
-        material = material_of(materials, p)
-        after = g2p(lattice, load(states, slot, p), material, at, velocity)
-        store(states, next_slot, p, after)
-        check(p, lattice, after, substep, states.x.shape[1], flag)
+        material = material_of(world.materials, p)
+        after = g2p(lane, lattice, load(states, slot, p), material, at, velocity)
+        if lane == 0:
+            store(states, next_slot, p, after)
+            check(p, world.particles, lattice, after, substep, flags)
         if not ends:
-            p2g(lattice, after, material, materials.node_force, momentum)
+            p2g(lane, lattice, after, material, world.materials.node_force, momentum)
 
     return SimpleNamespace(begin=begin, advance=advance)
 
 
 @cache
-def particle_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Warp functions over one particle: `enter` a run of substeps from its end, `retreat` over p2g and the g2p before it."""
-    part, t = adjoint(law, real, nodal, bordered), common(real)
-    g2p_adjoint, p2g_adjoint, load, store, material_of, put_material = (
-        part.g2p_adjoint,
-        part.p2g_adjoint,
-        t.load,
-        t.store,
-        t.material_of,
-        t.put_material,
-    )
+def particle_adjoint(variant: Variant) -> SimpleNamespace:
+    """Warp functions over particle p of all: `enter` a run of substeps from its end, `retreat` over p2g and the g2p before."""
+    part, t, World = adjoint(variant), common(variant.real), world_of(variant.real, variant.bordered).World
+    g2p_adjoint, p2g_adjoint = part.g2p_adjoint, part.p2g_adjoint
+    load, store, material_of, put_material = t.load, t.store, t.material_of, t.put_material
 
     @wp.func
     def enter(
         p: int,
+        lane: int,
         lattice: t.Lattice,
         slot: int,
         at: int,
+        world: World,
         states: t.States,
-        materials: t.Materials,
         velocity: wp.array(dtype=t.vec4),
         bars: t.States,
-        materials_bar: t.Materials,
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        bar, material_bar = g2p_adjoint(
-            lattice,
-            load(states, slot, p),
-            load(states, slot + 1, p),
-            material_of(materials, p),
-            at,
-            velocity,
-            load(bars, 0, p),
-            material_of(materials_bar, p),
-            velocity_bar,
-        )
-        store(bars, 0, p, bar)
-        put_material(materials_bar, p, material_bar)
+        before, after = load(states, slot, p), load(states, slot + 1, p)
+        material, share = material_of(world.materials, p), material_of(world_bar.materials, p)
+        bar, material_bar = g2p_adjoint(lane, lattice, before, after, material, at, velocity, load(bars, 0, p), share, velocity_bar)
+        if lane == 0:
+            store(bars, 0, p, bar)
+            put_material(world_bar.materials, p, material_bar)
 
     @wp.func
     def retreat(
         p: int,
+        lane: int,
         lattice: t.Lattice,
         slot: int,
         at: int,
+        world: World,
         states: t.States,
-        materials: t.Materials,
         velocity: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
         bars: t.States,
-        materials_bar: t.Materials,
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        material, particle = material_of(materials, p), load(states, slot, p)
-        bar, material_bar = p2g_adjoint(
-            lattice,
-            particle,
-            material,
-            materials.node_force,
-            momentum_bar,
-            load(bars, 0, p),
-            material_of(materials_bar, p),
-            materials_bar.node_force,
-        )
+        material, particle = material_of(world.materials, p), load(states, slot, p)
+        force, force_bar = world.materials.node_force, world_bar.materials.node_force
+        bar, share = load(bars, 0, p), material_of(world_bar.materials, p)
+        bar, share = p2g_adjoint(lane, lattice, particle, material, force, momentum_bar, bar, share, force_bar)
         if slot > 0:
-            bar, material_bar = g2p_adjoint(
-                lattice, load(states, slot - 1, p), particle, material, at, velocity, bar, material_bar, velocity_bar
-            )
-        store(bars, 0, p, bar)
-        put_material(materials_bar, p, material_bar)
+            before = load(states, slot - 1, p)
+            bar, share = g2p_adjoint(lane, lattice, before, particle, material, at, velocity, bar, share, velocity_bar)
+        if lane == 0:
+            store(bars, 0, p, bar)
+            put_material(world_bar.materials, p, share)
 
     return SimpleNamespace(enter=enter, retreat=retreat)
 
 
 @cache
-def serial_forward(law: str, real: type, nodal: bool, bordered: bool) -> Any:
-    """Kernel of one thread: substeps start .. stop - 1. With keep = 1 every state has its slot, and velocities start at
-    slot * stride; with keep = 0 all happens in slot 0."""
-    grid, part, t = forward(law, real, nodal, bordered).grid, particle_forward(law, real, nodal, bordered), common(real)
-    Borders = contact(real, bordered).Borders
+def serial_forward(variant: Variant) -> Any:
+    """Kernel of one thread: `count` substeps of one simulation. With keep = 1 every state has its slot, and velocities
+    start at slot * stride; with keep = 0 slots 0 and 1 take turns."""
+    grid, part, t = forward(variant).grid, particle_forward(variant), common(variant.real)
+    World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
     begin, advance = part.begin, part.advance
 
-    @kernel("serial_forward", law, real, nodal, bordered)
+    @kernel("serial_forward", variant)
     def run(
         # in:
-        lattice: t.Lattice,
-        start: int,
-        stop: int,
+        simulation: int,
+        count: int,
         keep: int,
         stride: int,
-        materials: t.Materials,
-        drag: wp.array(dtype=real),
-        borders: Borders,
+        world: World,
         # out:
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
         velocity: wp.array(dtype=t.vec4),
-        flag: wp.array(dtype=wp.int64),
+        flags: wp.array(dtype=wp.int64),
     ):
-        particles = states.x.shape[1]
-        for p in range(particles):
-            begin(p, lattice, 0, states, materials, momentum)
-        for n in range(start, stop):
-            slot = (n - start) * keep
+        lattice, drag = lattice_of(world, simulation), world.drag[simulation]
+        first = simulation * world.particles
+        for p in range(first, first + world.particles):
+            begin(p, 0, lattice, 0, world, states, momentum)
+        for n in range(count):
+            slot, next_slot = n, n + 1
+            if keep == 0:
+                slot, next_slot = n % 2, (n + 1) % 2
+            ends, substep = n + 1 == count, world.start[0] + n
             for i in range(lattice.nx * lattice.ny * lattice.nz):
-                grid(i, lattice, slot * stride, n, drag, borders, momentum, velocity)
-            for p in range(particles):
-                advance(p, lattice, slot, slot + keep, n, n + 1 == stop, slot * stride, materials, velocity, states, momentum, flag)
+                grid(i, lattice, slot * stride, substep, drag, world.borders, momentum, velocity)
+            for p in range(first, first + world.particles):
+                advance(p, 0, lattice, slot, next_slot, substep, ends, slot * stride, world, velocity, states, momentum, flags)
 
     return run
 
 
 @cache
-def serial_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> Any:
-    """Kernel of one thread: back over the substeps of slots count - 1 .. 0; velocities are recomputed where stride = 0."""
-    grid, grid_adjoint, t = forward(law, real, nodal, bordered).grid, adjoint(law, real, nodal, bordered).grid_adjoint, common(real)
-    Borders = contact(real, bordered).Borders
-    begin, part = particle_forward(law, real, nodal, bordered).begin, particle_adjoint(law, real, nodal, bordered)
+def serial_adjoint(variant: Variant) -> Any:
+    """Kernel of one thread: back over the substeps of slots count - 1 .. 0 of one simulation; velocities are recomputed
+    where stride = 0."""
+    grid, grid_adjoint, t = forward(variant).grid, adjoint(variant).grid_adjoint, common(variant.real)
+    World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
+    begin, part = particle_forward(variant).begin, particle_adjoint(variant)
     enter, retreat = part.enter, part.retreat
 
-    @kernel("serial_adjoint", law, real, nodal, bordered)
+    @kernel("serial_adjoint", variant)
     def reverse(
         # in:
-        lattice: t.Lattice,
-        start: int,
+        simulation: int,
         count: int,
         stride: int,
-        materials: t.Materials,
-        drag: wp.array(dtype=real),
-        borders: Borders,
+        world: World,
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
         velocity: wp.array(dtype=t.vec4),
         # out:
         bars: t.States,
-        materials_bar: t.Materials,
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
-        drag_bar: wp.array(dtype=real),
-        borders_bar: Borders,
     ):
-        particles = states.x.shape[1]
+        lattice, drag = lattice_of(world, simulation), world.drag[simulation]
+        first = simulation * world.particles
         nodes = lattice.nx * lattice.ny * lattice.nz
         for back in range(count + 1):
             slot = count - back
+            at = (slot - 1) * stride
             if slot < count:
                 for i in range(nodes):
                     grid_adjoint(
-                        i, lattice, slot * stride, start + slot, drag, borders, velocity, velocity_bar, momentum_bar, drag_bar, borders_bar
+                        i,
+                        lattice,
+                        slot * stride,
+                        world.start[0] + slot,
+                        drag,
+                        world.borders,
+                        velocity,
+                        velocity_bar,
+                        momentum_bar,
+                        world_bar.drag,
+                        world_bar.borders,
                     )
             if stride == 0 and slot > 0:
-                for p in range(particles):
-                    begin(p, lattice, slot - 1, states, materials, momentum)
+                for p in range(first, first + world.particles):
+                    begin(p, 0, lattice, slot - 1, world, states, momentum)
                 for i in range(nodes):
-                    grid(i, lattice, 0, start + slot - 1, drag, borders, momentum, velocity)
-            for p in range(particles):
+                    grid(i, lattice, 0, world.start[0] + slot - 1, drag, world.borders, momentum, velocity)
+            for p in range(first, first + world.particles):
                 if slot == count:
-                    enter(p, lattice, slot - 1, (slot - 1) * stride, states, materials, velocity, bars, materials_bar, velocity_bar)
+                    enter(p, 0, lattice, slot - 1, at, world, states, velocity, bars, world_bar, velocity_bar)
                 else:
-                    retreat(
-                        p,
-                        lattice,
-                        slot,
-                        (slot - 1) * stride,
-                        states,
-                        materials,
-                        velocity,
-                        momentum_bar,
-                        bars,
-                        materials_bar,
-                        velocity_bar,
-                    )
+                    retreat(p, 0, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
 
     return reverse
 
 
 @cache
-def parallel_forward(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Kernels begin and advance over particles, grid over nodes."""
-    grid_of, part, t = forward(law, real, nodal, bordered).grid, particle_forward(law, real, nodal, bordered), common(real)
-    Borders = contact(real, bordered).Borders
-    begin_of, advance_of = part.begin, part.advance
-    of_module = kernel("parallel_forward", law, real, nodal, bordered)
+def parallel_forward(variant: Variant) -> SimpleNamespace:
+    """Kernels begin and advance over threads of particles, grid over (simulations, nodes of a box)."""
+    grid_of, part, t = forward(variant).grid, particle_forward(variant), common(variant.real)
+    World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
+    begin_of, advance_of, seat = part.begin, part.advance, sharing(variant.real, variant.lanes).seat
+    of_module = kernel("parallel_forward", variant)
 
     @of_module
-    def begin(lattice: t.Lattice, slot: int, states: t.States, materials: t.Materials, momentum: wp.array(dtype=t.vec4)):
-        begin_of(wp.tid(), lattice, slot, states, materials, momentum)
+    def begin(slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
+        p, lane = seat(wp.tid(), states.shape[1])
+        if p >= 0:
+            begin_of(p, lane, lattice_of(world, p // world.particles), slot, world, states, momentum)
 
     @of_module
-    def grid(
-        lattice: t.Lattice,
-        at: int,
-        substep: int,
-        drag: wp.array(dtype=real),
-        borders: Borders,
-        momentum: wp.array(dtype=t.vec4),
-        velocity: wp.array(dtype=t.vec4),
-    ):
-        grid_of(wp.tid(), lattice, at, substep, drag, borders, momentum, velocity)
+    def grid(at: int, n: int, world: World, momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
+        simulation, i = wp.tid()
+        lattice = lattice_of(world, simulation)
+        if i < lattice.nx * lattice.ny * lattice.nz:
+            grid_of(i, lattice, at, world.start[0] + n, world.drag[simulation], world.borders, momentum, velocity)
 
     @of_module
     def advance(
-        lattice: t.Lattice,
         slot: int,
         next_slot: int,
-        substep: int,
+        n: int,
         ends: int,
         at: int,
-        materials: t.Materials,
+        world: World,
         velocity: wp.array(dtype=t.vec4),
         states: t.States,
         momentum: wp.array(dtype=t.vec4),
-        flag: wp.array(dtype=wp.int64),
+        flags: wp.array(dtype=wp.int64),
     ):
-        advance_of(wp.tid(), lattice, slot, next_slot, substep, ends != 0, at, materials, velocity, states, momentum, flag)
+        p, lane = seat(wp.tid(), states.shape[1])
+        if p >= 0:
+            lattice = lattice_of(world, p // world.particles)
+            substep = world.start[0] + n
+            advance_of(p, lane, lattice, slot, next_slot, substep, ends != 0, at, world, velocity, states, momentum, flags)
 
     return SimpleNamespace(begin=begin, grid=grid, advance=advance)
 
 
 @cache
-def parallel_adjoint(law: str, real: type, nodal: bool, bordered: bool) -> SimpleNamespace:
-    """Kernels enter and retreat over particles, grid_adjoint over nodes."""
-    grid_of, part, t = adjoint(law, real, nodal, bordered).grid_adjoint, particle_adjoint(law, real, nodal, bordered), common(real)
-    Borders = contact(real, bordered).Borders
-    enter_of, retreat_of = part.enter, part.retreat
-    of_module = kernel("parallel_adjoint", law, real, nodal, bordered)
+def parallel_adjoint(variant: Variant) -> SimpleNamespace:
+    """Kernels enter and retreat over threads of particles, grid_adjoint over (simulations, nodes of a box)."""
+    grid_of, part, t = adjoint(variant).grid_adjoint, particle_adjoint(variant), common(variant.real)
+    World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
+    enter_of, retreat_of, seat = part.enter, part.retreat, sharing(variant.real, variant.lanes).seat
+    of_module = kernel("parallel_adjoint", variant)
 
     @of_module
     def enter(
-        lattice: t.Lattice,
         slot: int,
         at: int,
+        world: World,
         states: t.States,
-        materials: t.Materials,
         velocity: wp.array(dtype=t.vec4),
         bars: t.States,
-        materials_bar: t.Materials,
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        enter_of(wp.tid(), lattice, slot, at, states, materials, velocity, bars, materials_bar, velocity_bar)
+        p, lane = seat(wp.tid(), states.shape[1])
+        if p >= 0:
+            lattice = lattice_of(world, p // world.particles)
+            enter_of(p, lane, lattice, slot, at, world, states, velocity, bars, world_bar, velocity_bar)
 
     @of_module
     def grid_adjoint(
-        lattice: t.Lattice,
         at: int,
-        substep: int,
-        drag: wp.array(dtype=real),
-        borders: Borders,
+        n: int,
+        world: World,
         velocity: wp.array(dtype=t.vec4),
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
-        drag_bar: wp.array(dtype=real),
-        borders_bar: Borders,
     ):
-        grid_of(wp.tid(), lattice, at, substep, drag, borders, velocity, velocity_bar, momentum_bar, drag_bar, borders_bar)
+        simulation, i = wp.tid()
+        lattice = lattice_of(world, simulation)
+        if i < lattice.nx * lattice.ny * lattice.nz:
+            drag, substep = world.drag[simulation], world.start[0] + n
+            grid_of(i, lattice, at, substep, drag, world.borders, velocity, velocity_bar, momentum_bar, world_bar.drag, world_bar.borders)
 
     @of_module
     def retreat(
-        lattice: t.Lattice,
         slot: int,
         at: int,
+        world: World,
         states: t.States,
-        materials: t.Materials,
         velocity: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
         bars: t.States,
-        materials_bar: t.Materials,
+        world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        retreat_of(wp.tid(), lattice, slot, at, states, materials, velocity, momentum_bar, bars, materials_bar, velocity_bar)
+        p, lane = seat(wp.tid(), states.shape[1])
+        if p >= 0:
+            lattice = lattice_of(world, p // world.particles)
+            retreat_of(p, lane, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
 
     return SimpleNamespace(enter=enter, grid_adjoint=grid_adjoint, retreat=retreat)

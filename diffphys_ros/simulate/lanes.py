@@ -1,7 +1,8 @@
-"""Arithmetic on 4-vectors that stays in one vector register on the CPU.
+"""Arithmetic on 4-vectors, and the work that several CUDA threads share over one particle.
 
 A plain Warp expression over vec4 reaches LLVM as sixteen scalars, which its vectoriser only half puts together again
-(adjoint loops ran two times slower). These snippets say it in clang's vector type; on CUDA they are plain arithmetic.
+(adjoint loops ran two times slower). These snippets say it in clang's vector type. On CUDA they are plain arithmetic,
+except that `scatter` adds a whole vector at once where the chip can (compute capability 9.0).
 """
 
 from types import SimpleNamespace
@@ -10,6 +11,9 @@ import warp as wp
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
+
+WARP = 32  # CUDA threads that run in step
+FEW = 20000  # particles below which a chip is not filled by one thread each
 
 LOAD = """
 #if defined(__CUDA_ARCH__)
@@ -25,7 +29,10 @@ LOAD = """
 """
 
 SCATTER = """
-#if defined(__CUDA_ARCH__)
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900 && VECTOR_RED
+    asm volatile("{ .reg .u64 g; cvta.to.global.u64 g, %0; red.global.add.v4.f32 [g], {%1, %2, %3, %4}; }"
+        :: "l"(&nodes.data[n]), "f"(s * a[0]), "f"(s * a[1]), "f"(s * a[2]), "f"(s * a[3]) : "memory");
+#elif defined(__CUDA_ARCH__)
     wp::atomic_add(&nodes.data[n], wp::mul(s, a));
 #else
     typedef SCALAR lanes __attribute__((ext_vector_type(4)));
@@ -36,6 +43,36 @@ SCATTER = """
     __builtin_memcpy(&nodes.data[n], &sum, sizeof(sum));
 #endif
 """
+
+# Sums over the threads of a particle, in the same order in each of them.
+SHARE = {
+    1: "return a;",
+    3: """
+#if defined(__CUDA_ARCH__)
+    int first = (threadIdx.x & 31) / 3 * 3;
+    return __shfl_sync(~0u, a, first) + __shfl_sync(~0u, a, first + 1) + __shfl_sync(~0u, a, first + 2);
+#else
+    return a;
+#endif
+""",
+    9: """
+#if defined(__CUDA_ARCH__)
+    int lane = threadIdx.x & 31, row = lane / 3 * 3, column = lane / 9 * 9 + lane % 3;
+    a = __shfl_sync(~0u, a, row) + __shfl_sync(~0u, a, row + 1) + __shfl_sync(~0u, a, row + 2);
+    return __shfl_sync(~0u, a, column) + __shfl_sync(~0u, a, column + 3) + __shfl_sync(~0u, a, column + 6);
+#else
+    return a;
+#endif
+""",
+}
+
+
+def threads(particles: int, lanes: int) -> int:
+    """CUDA threads for a number of particles that `lanes` threads share each: whole groups within a warp."""
+    if lanes == 1:
+        return particles
+    groups = WARP // lanes
+    return -(-particles // groups) * WARP
 
 
 def build(real: type) -> SimpleNamespace:
@@ -59,7 +96,33 @@ def build(real: type) -> SimpleNamespace:
     @wp.func_native("return nodes.data[n];")
     def gather(nodes: wp.array(dtype=vec4), n: int) -> vec4: ...
 
-    @wp.func_native(SCATTER.replace("SCALAR", c))
+    @wp.func_native(SCATTER.replace("SCALAR", c).replace("VECTOR_RED", str(int(real is wp.float32))))
     def scatter(nodes: wp.array(dtype=vec4), n: int, s: real, a: vec4): ...
 
     return SimpleNamespace(scaled=scaled, madd=madd, madd_each=madd_each, gather=gather, scatter=scatter)
+
+
+def sharing(real: type, lanes: int) -> SimpleNamespace:
+    """For `lanes` threads a particle: `seat(thread, particles)` -> (particle or -1, lane), and `share(a)`, the sum over them."""
+
+    @wp.func
+    def seat(thread: int, particles: int):
+        if wp.static(lanes == 1):
+            return thread, 0
+        groups = wp.static(WARP // lanes)
+        within = thread % wp.static(WARP)
+        group = within // wp.static(lanes)
+        p = thread // wp.static(WARP) * groups + group
+        if group >= groups or p >= particles:
+            p = -1
+        return p, within % wp.static(lanes)
+
+    @wp.func_native(SHARE[lanes])
+    def share(a: real) -> real: ...
+
+    return SimpleNamespace(seat=seat, share=share)
+
+
+def lanes_for(particles: int) -> int:
+    """How many CUDA threads best share a particle, by the number of particles of all simulations."""
+    return 9 if particles < FEW else 1

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from typing import Any, Protocol
 
 import torch
@@ -12,140 +14,175 @@ import warp as wp
 from torch import Tensor
 
 from .kernels import parallel_adjoint, parallel_forward, serial_adjoint, serial_forward
+from .lanes import threads
 from .scratch import Scratch
+from .world import Variant
+
+BLOCK = 64  # CUDA threads of a block: small blocks spread a small body over the chip
 
 
 @dataclass
 class View:
-    """What a program works on: Warp's views of a tape and of the scratch arrays, and the present box."""
+    """What a program works on."""
 
     scratch: Scratch
-    states: Tensor  # shape (slots, P, 24)
-    velocity: Tensor  # shape (nodes or slots x nodes, 4)
-    variant: tuple[Any, ...]  # law, scalar type, nodal, bordered
-    lattice: Any = None
-    nodes: int = 0
+    states: Tensor  # shape (slots, B, P, 24)
+    velocity: Tensor  # kept velocity grids, shape (slots x B x room x pitch, 4)
+    variant: Variant
 
-    def launch(self, kernel: Any, dim: int, inputs: list[Any]) -> wp.Launch:
+    @property
+    def device(self) -> torch.device:
+        """Where all of it lies."""
+        return self.states.device
+
+    def forward(self, kept: bool) -> list[Any]:
+        """Arrays of the forward kernels after `world`; velocities are those of the tape where they are `kept`."""
+        s = self.scratch
+        return [s.states(self.states), s.see(s.momentum, 4), self._velocity(kept), s.see(s.flags)]
+
+    def adjoint(self, kept: bool) -> list[Any]:
+        """Arrays of the adjoint kernels after `world`."""
+        s = self.scratch
+        known = [s.states(self.states), s.see(s.momentum, 4), self._velocity(kept)]
+        return [*known, s.bars, s.world_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4)]
+
+    def launch(self, kernel: Any, dim: Any, inputs: list[Any]) -> wp.Launch:
         """A recorded launch."""
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.states.device), record_cmd=True)
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True, block_dim=BLOCK)
+
+    def _velocity(self, kept: bool) -> Any:
+        return self.scratch.see(self.velocity if kept else self.scratch.velocity, 4)
 
 
 class Program(Protocol):
-    """How the substeps of a tape are launched. `stride` is the distance of kept velocity grids, 0 where one is kept."""
+    """How the substeps of a tape are launched. `stride` is the distance of kept velocity grids, 0 where none are kept;
+    boxes lie `room` nodes apart."""
 
     def __init__(self, view: View): ...
 
-    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
-        """Substeps start .. stop - 1 from the state in slot 0; into slots 1, 2, .. with `keep`, else all in slot 0."""
+    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
+        """`count` substeps from the state in slot 0; into slots 1, 2, .. with `keep`, else into 1 and 0 in turns."""
 
-    def reverse(self, start: int, count: int, *, stride: int) -> None:
-        """The adjoint in scratch from after slot `count` to before slot 0, the state before substep `start`."""
+    def reverse(self, count: int, *, stride: int, room: int) -> None:
+        """The adjoint in scratch from after slot `count` to before slot 0."""
 
 
 class Serial:
-    """One launch for all substeps: for the CPU."""
+    """One launch a simulation for all substeps: for the CPU, whose cores take simulations in turns."""
 
     def __init__(self, view: View):
         self.view = view
+        self._recorded: dict[Any, list[wp.Launch]] = {}
 
-    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
-        for index, value in enumerate((self.view.lattice, start, stop, int(keep), stride)):
-            self._forward.set_param_at_index(index, value)
-        self._forward.launch()
+    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
+        self._launch(serial_forward, self.view.forward, stride, {1: count, 2: int(keep), 3: stride})
 
-    def reverse(self, start: int, count: int, *, stride: int) -> None:
-        for index, value in enumerate((self.view.lattice, start, count, stride)):
-            self._adjoint.set_param_at_index(index, value)
-        self._adjoint.launch()
+    def reverse(self, count: int, *, stride: int, room: int) -> None:
+        self._launch(serial_adjoint, self.view.adjoint, stride, {1: count, 2: stride})
 
-    @cached_property
-    def _forward(self) -> wp.Launch:
-        v, s = self.view, self.view.scratch
-        inputs = [v.lattice, 0, 0, 0, 0, s.materials, s.drag, s.borders]
-        outputs = [s.states(v.states), s.momentum_view, s.see(v.velocity, 4), s.see(s.flag)]
-        return v.launch(serial_forward(*v.variant), 1, inputs + outputs)
+    def _launch(self, kernel: Any, arrays: Callable[[bool], list[Any]], stride: int, numbers: dict[int, int]) -> None:
+        v = self.view
+        key = kernel, v.scratch.version, stride > 0
+        if key not in self._recorded:
+            values = [*numbers.values(), v.scratch.world, *arrays(stride > 0)]
+            self._recorded[key] = [v.launch(kernel(v.variant), 1, [b, *values]) for b in range(v.scratch.batch)]
+        for command in self._recorded[key]:
+            for index, value in numbers.items():
+                command.set_param_at_index(index, value)
+        _spread([command.launch for command in self._recorded[key]])
 
-    @cached_property
-    def _adjoint(self) -> wp.Launch:
-        v, s = self.view, self.view.scratch
-        known = [s.materials, s.drag, s.borders, s.states(v.states), s.momentum_view, s.see(v.velocity, 4)]
-        bars = [s.bars, s.materials_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4), s.see(s.drag_bar), s.borders_bar]
-        return v.launch(serial_adjoint(*v.variant), 1, [v.lattice, 0, 0, 0, *known, *bars])
+
+def _spread(tasks: list[Callable[[], None]]) -> None:
+    """Run all, on all cores: a launch leaves Python's lock."""
+    if len(tasks) == 1:
+        tasks[0]()
+    else:
+        list(_pool().map(lambda task: task(), tasks))
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)), thread_name_prefix="simulate")
 
 
 class Parallel:
-    """A launch for each part of a substep, without waiting for the device in between: for CUDA."""
+    """A launch for each part of a substep, over all simulations: for CUDA, where a whole run is one graph."""
 
     def __init__(self, view: View):
         self.view = view
+        self._graphs: dict[Any, Any] = {}
 
-    def run(self, start: int, stop: int, *, keep: bool, stride: int) -> None:
-        begin, grid, advance = self._enter(self._forward)
-        with _torch_stream(self.view.states.device):
-            _launch(begin, {1: 0})
-            for n in range(start, stop):
-                slot = (n - start) * keep
-                _launch(grid, {1: slot * stride, 2: n})
-                _launch(advance, {1: slot, 2: slot + keep, 3: n, 4: int(n + 1 == stop), 5: slot * stride})
+    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
+        self._play(("run", count, keep, stride, room), lambda: self._run(count, keep, stride, room))
 
-    def reverse(self, start: int, count: int, *, stride: int) -> None:
-        begin, grid, _ = self._enter(self._forward)
-        enter, grid_adjoint, retreat = self._enter(self._adjoint)
-        with _torch_stream(self.view.states.device):
-            for slot in reversed(range(count + 1)):
-                if slot < count:
-                    _launch(grid_adjoint, {1: slot * stride, 2: start + slot})
-                if not stride and slot:
-                    _launch(begin, {1: slot - 1})
-                    _launch(grid, {1: 0, 2: start + slot - 1})
-                if slot < count:
-                    _launch(retreat, {1: slot, 2: (slot - 1) * stride})
-                else:
-                    _launch(enter, {1: slot - 1, 2: (slot - 1) * stride})
+    def reverse(self, count: int, *, stride: int, room: int) -> None:
+        self._play(("reverse", count, stride, room), lambda: self._reverse(count, stride, room))
 
-    def _enter(self, launches: list[wp.Launch]) -> list[wp.Launch]:
-        """Set the present box; the middle launch runs over nodes."""
-        launches[1].set_dim(self.view.nodes)
-        for command in launches:
-            command.set_param_at_index(0, self.view.lattice)
-        return launches
+    def _run(self, count: int, keep: bool, stride: int, room: int) -> Iterable[tuple[wp.Launch, dict[int, int]]]:
+        begin, grid, advance = self._forward(stride > 0, room)
+        yield begin, {0: 0}
+        for n in range(count):
+            slot, after = (n, n + 1) if keep else (n % 2, (n + 1) % 2)
+            yield grid, {0: slot * stride, 1: n}
+            yield advance, {0: slot, 1: after, 2: n, 3: int(n + 1 == count), 4: slot * stride}
 
-    @cached_property
-    def _forward(self) -> list[wp.Launch]:
-        v, s, k = self.view, self.view.scratch, parallel_forward(*self.view.variant)
-        count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
+    def _reverse(self, count: int, stride: int, room: int) -> Iterable[tuple[wp.Launch, dict[int, int]]]:
+        begin, grid, _ = self._forward(stride > 0, room)
+        enter, grid_adjoint, retreat = self._adjoint(stride > 0, room)
+        for slot in reversed(range(count + 1)):
+            if slot < count:
+                yield grid_adjoint, {0: slot * stride, 1: slot}
+            if not stride and slot:
+                yield begin, {0: slot - 1}
+                yield grid, {0: 0, 1: slot - 1}
+            yield (retreat, {0: slot, 1: (slot - 1) * stride}) if slot < count else (enter, {0: slot - 1, 1: (slot - 1) * stride})
+
+    def _forward(self, kept: bool, room: int) -> list[wp.Launch]:
+        v, s, k = self.view, self.view.scratch, parallel_forward(self.view.variant)
+        states, momentum, velocity, flags = v.forward(kept)
+        seats = threads(s.batch * len(s.volume), v.variant.lanes)
         return [
-            v.launch(k.begin, count, [v.lattice, 0, states, s.materials, s.momentum_view]),
-            v.launch(k.grid, v.nodes, [v.lattice, 0, 0, s.drag, s.borders, s.momentum_view, velocity]),
-            v.launch(k.advance, count, [v.lattice, 0, 0, 0, 0, 0, s.materials, velocity, states, s.momentum_view, s.see(s.flag)]),
+            v.launch(k.begin, seats, [0, s.world, states, momentum]),
+            v.launch(k.grid, (s.batch, room), [0, 0, s.world, momentum, velocity]),
+            v.launch(k.advance, seats, [0, 0, 0, 0, 0, s.world, velocity, states, momentum, flags]),
         ]
 
-    @cached_property
-    def _adjoint(self) -> list[wp.Launch]:
-        v, s, k = self.view, self.view.scratch, parallel_adjoint(*self.view.variant)
-        count, states, velocity = len(s.volume), s.states(v.states), s.see(v.velocity, 4)
-        velocity_bar, momentum_bar = s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4)
-        node_bars = [velocity_bar, momentum_bar, s.see(s.drag_bar), s.borders_bar]
-        known, bars = [states, s.materials, velocity], [s.bars, s.materials_bar, velocity_bar]
+    def _adjoint(self, kept: bool, room: int) -> list[wp.Launch]:
+        v, s, k = self.view, self.view.scratch, parallel_adjoint(self.view.variant)
+        states, _, velocity, bars, world_bar, velocity_bar, momentum_bar = v.adjoint(kept)
+        seats = threads(s.batch * len(s.volume), v.variant.lanes)
         return [
-            v.launch(k.enter, count, [v.lattice, 0, 0, *known, *bars]),
-            v.launch(k.grid_adjoint, v.nodes, [v.lattice, 0, 0, s.drag, s.borders, velocity, *node_bars]),
-            v.launch(k.retreat, count, [v.lattice, 0, 0, *known, momentum_bar, *bars]),
+            v.launch(k.enter, seats, [0, 0, s.world, states, velocity, bars, world_bar, velocity_bar]),
+            v.launch(k.grid_adjoint, (s.batch, room), [0, 0, s.world, velocity, world_bar, velocity_bar, momentum_bar]),
+            v.launch(k.retreat, seats, [0, 0, s.world, states, velocity, momentum_bar, bars, world_bar, velocity_bar]),
         ]
 
+    def _play(self, key: tuple[Any, ...], steps: Callable[[], Iterable[tuple[wp.Launch, dict[int, int]]]]) -> None:
+        """Launch the steps; on CUDA as a graph, captured when first asked for. A graph queues where torch's copies do."""
+        if self.view.device.type != "cuda":
+            return _issue(steps())
+        key = (*key, self.view.scratch.version)
+        if key not in self._graphs:
+            self._graphs = {k: g for k, g in self._graphs.items() if k[-1] == key[-1]}
+            self._graphs[key] = self._capture(list(steps()))
+        wp.capture_launch(self._graphs[key], stream=wp.stream_from_torch(torch.cuda.current_stream(self.view.device)))
 
-def _torch_stream(device: torch.device) -> AbstractContextManager[Any]:
-    """Launch where torch's copies are queued, so that neither waits for the other."""
-    if device.type != "cuda":
-        return nullcontext()
-    return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(device)), sync_enter=False)
+    def _capture(self, steps: list[tuple[wp.Launch, dict[int, int]]]) -> Any:
+        stream = wp.Stream(str(self.view.device))
+        with wp.ScopedStream(stream, sync_enter=False):
+            wp.capture_begin(stream=stream, force_module_load=False)
+            try:
+                _issue(steps)
+            finally:
+                graph = wp.capture_end(stream=stream)
+        return graph
 
 
-def _launch(command: wp.Launch, arguments: dict[int, int]) -> None:
-    for index, value in arguments.items():
-        command.set_param_at_index(index, value)
-    command.launch()
+def _issue(steps: Iterable[tuple[wp.Launch, dict[int, int]]]) -> None:
+    for command, numbers in steps:
+        for index, value in numbers.items():
+            command.set_param_at_index(index, value)
+        command.launch()
 
 
 PROGRAMS: dict[str, type[Program]] = {"cpu": Serial, "cuda": Parallel}  # by torch device type

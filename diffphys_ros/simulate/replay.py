@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import weakref
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,16 +12,16 @@ from torch import Tensor
 
 from ..types import Grid
 from .borders import Borders
-from .box import Box
-from .common import common
+from .box import Boxes
+from .lanes import lanes_for
 from .plan import NODE_VALUES, Plan
 from .program import PROGRAMS
 from .scratch import NO_FLAG, Inputs, Scratch
 from .state import WIDTH
 from .tape import Tape
+from .world import Variant
 
-EMPTY_SHARE = 1e-12  # nodes below this share of the mean particle mass are empty
-BOX_ROOM = 1.5  # tapes keep velocities for boxes up to this times the one at rest
+BOX_ROOM = 1.5  # nodal arrays have room for boxes up to this times the largest so far
 
 
 class Lease:
@@ -34,8 +33,26 @@ class Lease:
         self.give_back.atexit = False
 
 
+@dataclass(frozen=True)
+class Place:
+    """The boxes that a frame ran on, `room` nodes apart, and its tape where one was kept."""
+
+    boxes: Tensor
+    room: int
+    lease: Lease | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """The last frame that ran forward."""
+
+    tape: Tape
+    data: Tensor  # its first states (B, P, 24)
+    kept: bool
+
+
 class Replay:
-    """Everything that runs on the device, for one set of particles, grid, law, scalar type and number of substeps."""
+    """Everything that runs on the device, for one set of particles, grid, law, scalar type, number of substeps and batch."""
 
     def __init__(
         self,
@@ -44,6 +61,7 @@ class Replay:
         mean_mass: float,
         grid: Grid,
         *,
+        batch: int,
         substeps: int,
         period_s: float,
         law: str,
@@ -53,108 +71,118 @@ class Replay:
     ):
         wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # its banner and compile log are not ours to print
         wp.init()
-        self.grid, self.period_s, self.substeps, self.mean_mass = grid, period_s, substeps, mean_mass
-        self.scratch = Scratch(volume, math.prod(grid.size), nodal=nodal, borders=borders, substeps=substeps)
-        self.variant = (law, self.scratch.real, nodal, bool(borders))
-        self.boxed = volume.device.type == "cpu" and not nodal
-        size = torch.finfo(volume.dtype).bits // 8
-        rest = self._box(torch.cat([x_rest, torch.zeros_like(x_rest)], -1))
-        self.box_room = min(self.scratch.nodes, int(BOX_ROOM * rest.nodes))
-        self.state_bytes, self.velocity_bytes = size * WIDTH * len(volume), size * NODE_VALUES * self.scratch.velocity_grids * self.box_room
-        self.plan = Plan.within(budget, substeps=substeps, state=self.state_bytes, velocity=self.velocity_bytes)
-        self.once = self._tape(0, velocity_nodes=0)  # for runs that keep nothing
+        dt = period_s / substeps
+        self.substeps, self.nodal, self.budget = substeps, nodal, budget
+        self.scratch = Scratch(volume, grid, batch=batch, mean_mass=mean_mass, dt=dt, nodal=nodal, borders=borders, substeps=substeps)
+        lanes = 1 if volume.device.type == "cpu" else lanes_for(batch * len(volume))
+        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), lanes)
+        self.boxes = Boxes(grid, simulations=batch, period_s=period_s, like=volume)
+        self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
         self.free: list[Tape] = []
         self.lent = 0
-        self._chunk_tape: Tape | None = None
-        self._marks = volume.new_zeros(0)
+        self.once = self._tape(1, room=0)  # for runs that keep nothing
+        still = torch.cat([x_rest, torch.zeros_like(x_rest)], -1)
+        self._make_room(self.boxes.whole_nodes if nodal else int(self.boxes.around(still[None], 0)[1]))
 
-    def forward(self, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> tuple[Tensor, Box, Lease | None]:
-        """State (P, 24) after one frame, the box it ran on, and its tape where one was to be kept and there was room."""
+    def forward(self, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> tuple[Tensor, Place]:
+        """States (B, P, 24) after one frame, and where it ran."""
         lease = self._lend() if keep else None
         tape = lease.tape if lease else self.once
-        box = self._box(data)
-        after = self._attempt(tape, box, data, values, keep=lease is not None)
-        if self.code != NO_FLAG and box != Box.whole(self.grid):
-            box = Box.whole(self.grid)
-            after = self._attempt(tape, box, data, values, keep=lease is not None)
-        self._last = (tape, lease is not None)
-        return after.clone(), box, lease
+        boxes, wanted = (self.boxes.whole(), None) if self.nodal else self.boxes.around(data, self.room)
+        after = self._attempt(tape, boxes, self.room, data, values, keep=lease is not None)
+        flagged, nodes = self._status(wanted)
+        if flagged and nodes > self.room:
+            self._make_room(nodes)
+            boxes, wanted = self.boxes.around(data, self.room)
+            after = self._attempt(tape, boxes, self.room, data, values, keep=lease is not None)
+            flagged, _ = self._status(wanted)
+        room = self.room
+        if flagged and room < self.boxes.whole_nodes:  # a particle outran its box
+            boxes, room = self.boxes.whole(), self.boxes.whole_nodes
+            after = self._attempt(tape, boxes, room, data, values, keep=lease is not None)
+            flagged, _ = self._status(None)
+        self.flagged = flagged
+        return after.clone(), Place(boxes, room, lease)
 
-    def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor, box: Box, lease: Lease | None) -> tuple[Tensor, Inputs]:
-        """Adjoint of the state (P, 24) before the frame, and of the inputs (overwritten by the next call)."""
-        self.scratch.begin_backward(values, next_bar)
+    def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor, place: Place) -> tuple[Tensor, Inputs]:
+        """Adjoint of the states (B, P, 24) before the frame, and of the inputs (overwritten by the next call)."""
+        self.scratch.begin_backward(values, place.boxes, next_bar)
+        lease = place.lease
         if lease and lease.give_back.alive:
-            lease.tape.enter(box, self._lattice(box))
-            lease.tape.reverse(0, self.substeps)
+            lease.tape.reverse(0, self.substeps, room=place.room)
             lease.give_back()
         else:
-            self._replay(data, box)
-        self.scratch.inputs_bar.drag.copy_(self.scratch.drag_bar[: box.nodes].sum())
-        return self.scratch.state_bar.clone(), self.scratch.inputs_bar
+            self._replay(data, place.room)
+        return self.scratch.state_bar.clone(), self.scratch.end_backward(place.room)
 
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
-        grids = (13 + 4 * self.scratch.velocity_grids) * self.scratch.nodes * self.scratch.volume.element_size()
-        return per_tape * (1 + self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + grids
+        return per_tape * (1 + self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + self.scratch.bytes()
 
-    def position(self, code: int) -> np.ndarray:
-        """Position [m] (3,) of the particle that raised the flag `code`, after the substep that raised it."""
+    def first_flag(self) -> tuple[int, int, np.ndarray]:
+        """Of the last frame: the first simulation that left its bounds, the code of its flag and the position [m] (3,) of the
+        particle that raised it: after that substep where the states were kept, else at the frame's start."""
+        flags = self.scratch.flags.cpu()
+        simulation = int((flags != NO_FLAG).nonzero()[0])
+        code = int(flags[simulation])
         substep, particle = divmod(code // 4, len(self.scratch.volume))
-        tape, kept = self._last
-        return tape.view.states[substep + 1 if kept else 0, particle, :3].cpu().numpy()
+        states = self._last.tape.states[substep + 1] if self._last.kept else self._last.data
+        return simulation, code, states[simulation, particle, :3].detach().cpu().numpy()
 
-    def _attempt(self, tape: Tape, box: Box, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
-        self.scratch.begin_forward(values)
-        tape.enter(box, self._lattice(box))
-        after = tape.run(data, 0, self.substeps, keep=keep)
-        self.code = int(self.scratch.flag.item())
-        if self.code != NO_FLAG:
-            tape.view.velocity.zero_()  # nodes without mass are not written: nothing that is not finite may stay there
-        return after
+    def _attempt(self, tape: Tape, boxes: Tensor, room: int, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
+        self.scratch.reserve(room)
+        self.scratch.begin_forward(values, boxes)
+        self._last = Run(tape, data, keep)
+        return tape.run(data, 0, self.substeps, keep=keep, room=room)
 
-    def _replay(self, data: Tensor, box: Box) -> None:
+    def _status(self, wanted: Tensor | None) -> tuple[bool, int]:
+        """Whether a particle raised a flag, and the nodes that the largest box wanted, in one copy from the device."""
+        flag = self.scratch.flags.min()
+        code, nodes = torch.stack([flag, torch.zeros_like(flag) if wanted is None else wanted]).tolist()
+        if code != NO_FLAG:
+            for velocity in (self._last.tape.velocity, self.scratch.velocity):
+                velocity.zero_()  # nodes without mass are not written: nothing that is not finite may stay there
+        return code != NO_FLAG, nodes
+
+    def _make_room(self, nodes: int) -> None:
+        """Boxes lie further apart from now on; frames that ran before keep theirs."""
+        self.room = min(self.boxes.whole_nodes, int(BOX_ROOM * nodes))
+        s = self.scratch
+        s.reserve(self.room)
+        self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room
+        self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes)
+        self._chunk_tape: Tape | None = None
+        self._marks = s.volume.new_zeros(0)
+
+    def _replay(self, data: Tensor, room: int) -> None:
         tape = self._replay_tape()
-        tape.enter(box, self._lattice(box))
         starts = range(0, self.substeps, self.plan.chunk)
         marks = [data]
         for index, start in enumerate(starts[:-1]):
-            self._marks[index + 1].copy_(tape.run(marks[index], start, start + self.plan.chunk, keep=False))
-            marks.append(self._marks[index + 1])
+            after = self.once.run(marks[index], start, start + self.plan.chunk, keep=False, room=room)
+            self._marks[index].copy_(after)
+            marks.append(self._marks[index])
         for mark, start in zip(reversed(marks), reversed(starts), strict=True):
             stop = min(start + self.plan.chunk, self.substeps)
-            tape.run(mark, start, stop, keep=True)
-            tape.reverse(start, stop)
+            tape.run(mark, start, stop, keep=True, room=room)
+            tape.reverse(start, stop, room=room)
 
     def _replay_tape(self) -> Tape:
         if self._chunk_tape is None:
-            self._chunk_tape = self._tape(self.plan.chunk, velocity_nodes=self.box_room * self.plan.keep_velocity)
-            self._marks = self.scratch.volume.new_zeros(self.plan.marks, *self.once.view.states.shape[1:])
+            self._chunk_tape = self._tape(self.plan.chunk, room=self.room * self.plan.keep_velocity)
+            self._marks = self.scratch.volume.new_zeros(max(self.plan.marks - 1, 0), *self.once.states.shape[1:])
         return self._chunk_tape
 
     def _lend(self) -> Lease | None:
+        fitting = [tape for tape in self.free if tape.room == self.room]
+        self.lent -= len(self.free) - len(fitting)
+        self.free[:] = fitting
         if not self.free and self.lent < self.plan.kept:
             self.lent += 1
-            self.free.append(self._tape(self.substeps, velocity_nodes=self.box_room))
+            self.free.append(self._tape(self.substeps, room=self.room))
         return Lease(self.free.pop(), self.free) if self.free else None
 
-    def _tape(self, length: int, *, velocity_nodes: int) -> Tape:
-        return Tape(
-            self.scratch, length, velocity_nodes=velocity_nodes, variant=self.variant, program=PROGRAMS[self.scratch.volume.device.type]
-        )
-
-    def _box(self, data: Tensor) -> Box:
-        if not self.boxed:
-            return Box.whole(self.grid)
-        x, v = (data[:, a:b].detach().numpy() for a, b in ((0, 3), (3, 6)))
-        return Box.around(self.grid, x, v, period_s=self.period_s)
-
-    def _lattice(self, box: Box) -> Any:
-        t, dx = common(self.scratch.real), self.grid.dx
-        lattice = t.Lattice()
-        lattice.origin = t.vec3(*(self.grid.origin + dx * np.asarray(box.low)))
-        lattice.dx, lattice.dt, lattice.affine = dx, self.period_s / self.substeps, 4.0 / dx**2
-        lattice.empty_mass = EMPTY_SHARE * self.mean_mass
-        lattice.nx, lattice.ny, lattice.nz = box.size
-        lattice.clamp_index = max(self.grid.clamp_index - box.low[0], -1)
-        return lattice
+    def _tape(self, length: int, *, room: int) -> Tape:
+        program = PROGRAMS[self.scratch.volume.device.type]
+        return Tape(self.scratch, length, room=room, variant=self.variant, program=program)

@@ -10,34 +10,38 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from ..types import Grid
 from .borders import Borders
 from .common import common
 from .contact import contact
 from .state import WIDTH
+from .world import world_of
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
 NO_FLAG = 2**62
+EMPTY_SHARE = 1e-12  # nodes below this share of the mean particle mass are empty
+BOX_COLUMNS = 8
 
 
 @dataclass
 class Inputs:
-    """What one frame depends on beside its state; also holds the adjoints of the same."""
+    """What one frame depends on beside its state; also holds the adjoints of the same. B is the number of simulations."""
 
-    constants: Tensor  # of the law: mu and lam [Pa] and two of its own, shape (P, 4)
-    body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (P, 3)
-    mass: Tensor  # [kg], shape (P,)
-    drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (1,)
-    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (nodes, 3); (1, 3) where there is none
-    friction: Tensor  # of each plane, shape (planes,)
-    motion: Tensor  # velocity of the nodes that the handle holds is motion (x, 1) [1/s, m/s], shape (substeps, 3, 4)
-    handle_from_body: Tensor  # at each substep, shape (substeps, 3, 4); without gradient
+    constants: Tensor  # of the law: mu and lam [Pa] and two of its own, shape (B, P, 4)
+    body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (B, P, 3)
+    mass: Tensor  # [kg], shape (B, P)
+    drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (B,)
+    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (B, nodes, 3); (B, 1, 3) where there is none
+    friction: Tensor  # of each plane, shape (B, planes)
+    motion: Tensor  # velocity of the nodes that the handle holds is motion (x, 1) [1/s, m/s], shape (B, substeps, 3, 4)
+    handle_from_body: Tensor  # at each substep, shape (B, substeps, 3, 4); without gradient
 
     @classmethod
-    def zeros_like(cls, volume: Tensor, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
+    def zeros_like(cls, volume: Tensor, batch: int, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
         count, path = len(volume), (substeps, 3, 4)
-        shapes = (count, 4), (count, 3), (count,), (1,), (max(loaded_nodes, 1), 3), (planes,), path, path
-        return cls(*(volume.new_zeros(shape) for shape in shapes))
+        shapes = (count, 4), (count, 3), (count,), (), (max(loaded_nodes, 1), 3), (planes,), path, path
+        return cls(*(volume.new_zeros(batch, *shape) for shape in shapes))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
@@ -50,56 +54,82 @@ class Inputs:
 
 
 class Scratch:
-    """Grids, inputs, adjoints and flag, sized for the whole grid."""
+    """Inputs, adjoints and flags of all simulations, and nodal arrays that grow with the boxes."""
 
-    def __init__(self, volume: Tensor, nodes: int, *, nodal: bool, borders: Borders, substeps: int):
-        zeros = volume.new_zeros
+    def __init__(
+        self, volume: Tensor, grid: Grid, *, batch: int, mean_mass: float, dt: float, nodal: bool, borders: Borders, substeps: int
+    ):
+        zeros, nodes = volume.new_zeros, int(np.prod(grid.size))
         sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders)}
-        self.volume, self.nodes, self.real = volume, nodes, REAL[volume.dtype]
-        self.inputs = Inputs.zeros_like(volume, **sizes)
-        self.momentum = zeros(nodes, 4)
-        self.flag = torch.full((1,), NO_FLAG, dtype=torch.int64, device=volume.device)
-        self.inputs_bar = Inputs.zeros_like(volume, **sizes)
-        self.state_bar = zeros(len(volume), WIDTH)
-        self.velocity_bar, self.momentum_bar = zeros(nodes, 4), zeros(nodes, 4)
-        self.drag_bar = zeros(nodes)
-        self.velocity_grids = 1 + bool(borders)  # what nodes meet at borders takes their velocity before, too
-        self.momentum_view, self.drag = self.see(self.momentum, 4), self.see(self.inputs.drag)
-        self.materials, self.materials_bar = self._materials(self.inputs), self._materials(self.inputs_bar)
-        self.borders, self.borders_bar = (self._borders(borders, i) for i in (self.inputs, self.inputs_bar))
+        self.volume, self.batch, self.real, self.pitch = volume, batch, REAL[volume.dtype], 1 + bool(borders)
+        self.every_volume = volume.repeat(batch)
+        self.inputs, self.inputs_bar = (Inputs.zeros_like(volume, batch, **sizes) for _ in range(2))
+        self.state_bar = zeros(batch, len(volume), WIDTH)
+        self.flags = torch.full((batch,), NO_FLAG, dtype=torch.int64, device=volume.device)
+        self.boxes = torch.zeros(batch, BOX_COLUMNS, dtype=torch.int32, device=volume.device)
+        self.start = torch.zeros(1, dtype=torch.int32, device=volume.device)
+        self.world, self.world_bar = (self._world(grid, borders, i, mean_mass=mean_mass, dt=dt) for i in (self.inputs, self.inputs_bar))
         self.bars = self.states(self.state_bar[None])
+        self.version = 0
+        self._grids = zeros(0, 0)
+        self.reserve(1)
 
-    def begin_forward(self, values: tuple[Tensor, ...]) -> None:
+    def reserve(self, nodes: int) -> None:
+        """Have room for so many nodes of each simulation; recorded launches of an older version are void after it grew."""
+        wanted = self.batch * nodes
+        if wanted * (3 + self.pitch) <= self._grids.numel() // 4:
+            return
+        self._grids = self.volume.new_zeros(wanted * (3 + self.pitch), 4)
+        self.momentum, self.velocity_bar, self.momentum_bar, self.velocity = self._grids.split([wanted] * 3 + [self.pitch * wanted])
+        self.drag_bar = self.volume.new_zeros(wanted)
+        self.world_bar.drag = self.see(self.drag_bar)
+        self.version += 1
+
+    def begin_forward(self, values: tuple[Tensor, ...], boxes: Tensor) -> None:
         """Take a frame's inputs; forget what an interrupted or diverged run left behind."""
         self.inputs.copy_(values)
-        self.flag.fill_(NO_FLAG)
+        self.boxes.copy_(boxes)
+        self.flags.fill_(NO_FLAG)
         self.momentum.zero_()
 
-    def begin_backward(self, values: tuple[Tensor, ...], next_bar: Tensor) -> None:
-        """As begin_forward, for the adjoint of the state after the frame (P, 24)."""
-        self.begin_forward(values)
+    def begin_backward(self, values: tuple[Tensor, ...], boxes: Tensor, next_bar: Tensor) -> None:
+        """As begin_forward, for the adjoint of the states after the frame (B, P, 24)."""
+        self.begin_forward(values, boxes)
         self.state_bar.copy_(next_bar)
         for bar in (self.velocity_bar, self.momentum_bar, self.drag_bar, *self.inputs_bar.tensors()):
             bar.zero_()
 
+    def end_backward(self, room: int) -> Inputs:
+        """Adjoints of the frame's inputs, which ran on boxes `room` nodes apart."""
+        self.inputs_bar.drag.copy_(self.drag_bar[: self.batch * room].view(self.batch, room).sum(1))
+        return self.inputs_bar
+
+    def bytes(self) -> int:
+        """Memory of the nodal arrays [bytes]."""
+        return (self._grids.numel() + self.drag_bar.numel()) * self.volume.element_size()
+
     def states(self, data: Tensor) -> Any:
-        """Warp's view of states (slots, P, 24)."""
-        t = common(self.real)
-        fields = t.States()
-        fields.x, fields.v = (wp.from_torch(data[..., a:b], dtype=t.vec3) for a, b in ((0, 3), (3, 6)))
-        fields.C, fields.F = (wp.from_torch(data[..., a:b].unflatten(-1, (3, 3)), dtype=t.mat33) for a, b in ((6, 15), (15, 24)))
-        return fields
+        """Warp's view of states (slots, B, P, 24)."""
+        return wp.from_torch(data.view(len(data), -1, WIDTH // 4, 4), dtype=common(self.real).vec4)
 
     def see(self, tensor: Tensor, length: int = 0) -> Any:
-        """Warp view of a tensor of scalars, or of vectors of a length."""
-        if tensor.dtype == torch.int64:
-            return wp.from_torch(tensor, dtype=wp.int64)
-        return wp.from_torch(tensor, dtype=wp.types.vector(length, self.real) if length else self.real)
+        """Warp view of all scalars of a tensor, or of its vectors of a length."""
+        if length:
+            return wp.from_torch(tensor.view(-1, length), dtype=wp.types.vector(length, self.real))
+        return wp.from_torch(tensor.view(-1))
+
+    def _world(self, grid: Grid, borders: Borders, i: Inputs, *, mean_mass: float, dt: float) -> Any:
+        w = world_of(self.real, bool(borders)).World()
+        w.grid.origin, w.grid.dx, w.grid.dt, w.grid.affine = common(self.real).vec3(*grid.origin), grid.dx, dt, 4.0 / grid.dx**2
+        w.grid.empty_mass = EMPTY_SHARE * mean_mass
+        w.boxes, w.particles, w.start = wp.from_torch(self.boxes), len(self.volume), self.see(self.start)
+        w.materials, w.borders, w.drag = self._materials(i), self._borders(borders, i), self.see(i.drag)
+        return w
 
     def _materials(self, i: Inputs) -> Any:
         m, see = common(self.real).Materials(), self.see
         m.constants, m.body, m.mass = see(i.constants, 4), see(i.body, 3), see(i.mass)
-        m.volume, m.node_force = see(self.volume), see(i.node_force, 3)
+        m.volume, m.node_force = see(self.every_volume), see(i.node_force, 3)
         return m
 
     def _borders(self, borders: Borders, i: Inputs) -> Any:
@@ -108,7 +138,7 @@ class Scratch:
         if borders:
             planes, new = borders.planes, self.volume.new_tensor
             b.normal = see(new(np.array([p.unit_normal for p in planes]).reshape(-1, 3)), 3)
-            b.offset, b.friction = see(new([p.offset_m for p in planes])), see(i.friction)
+            b.offset, b.friction = see(new([p.offset_m for p in planes])), wp.from_torch(i.friction)
             b.kind = wp.array([p.kind_index for p in planes], dtype=int, device=b.offset.device)
             b.motion, b.handle_from_body = (wp.from_torch(a, dtype=c.mat34) for a in (i.motion, i.handle_from_body))
             b.low, b.high = (vec3(*bound) for bound in borders.box)

@@ -57,12 +57,23 @@ def max_viscosity(substeps: int, density: np.ndarray | float, *, dx: float, peri
     return DIFFUSION * float(np.min(density)) * dx**2 * substeps / period_s
 
 
-def raise_for_flag(code: int, *, particles: int, frame: int, substeps: int, where: np.ndarray, stiffest: float, allowed: float) -> None:
+def raise_for_flag(
+    code: int,
+    *,
+    particles: int,
+    frame: int,
+    substeps: int,
+    where: np.ndarray,
+    stiffest: float,
+    allowed: float,
+    simulation: int | None = None,
+) -> None:
     """SimulationError for the flag of a frame: `where` is the particle's last position [m], `stiffest` and `allowed`
-    are the largest Young's modulus present and the largest that these substeps carry [Pa]."""
+    are the largest Young's modulus present and the largest that these substeps carry [Pa]; `simulation` of a batch."""
     index, reason = divmod(code, 4)
     substep, particle = divmod(index, particles)
-    place = f"frame {frame}, substep {substep} of {substeps}, particle {particle}"
+    of_batch = "" if simulation is None else f"simulation {simulation}, "
+    place = of_batch + f"frame {frame}, substep {substep} of {substeps}, particle {particle}"
     point = ", ".join(f"{c:.4g}" for c in where)
     if stiffest > allowed:
         cure = f"lower Young's modulus from {stiffest:.3g} below {allowed:.3g} Pa or raise the substeps"

@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from torch import Tensor
 
-from .box import Box
 from .program import Program, View
 from .scratch import Scratch
 from .state import WIDTH
+from .world import Variant
 
 
 class Tape:
-    """States (length + 1, P, 24), and nodal velocities of each substep or of one (where `velocity_nodes` is 0)."""
+    """States (length + 1, B, P, 24), and nodal velocities of each substep where `room` says for how many nodes a simulation."""
 
-    def __init__(self, scratch: Scratch, length: int, *, velocity_nodes: int, variant: tuple[Any, ...], program: type[Program]):
-        self.velocity_nodes, self.grids = velocity_nodes, scratch.velocity_grids
-        states = scratch.volume.new_zeros(length + 1, len(scratch.volume), WIDTH)
-        velocity = scratch.volume.new_zeros(self.grids * max(length * velocity_nodes, scratch.nodes), 4)
-        self.view = View(scratch, states, velocity, variant)
-        self.program = program(self.view)
+    def __init__(self, scratch: Scratch, length: int, *, room: int, variant: Variant, program: type[Program]):
+        self.scratch, self.room = scratch, room
+        zeros, batch = scratch.volume.new_zeros, scratch.batch
+        self.states = zeros(length + 1, batch, len(scratch.volume), WIDTH)
+        self.velocity = zeros(length * batch * room * variant.pitch, 4)
+        self.program = program(View(scratch, self.states, self.velocity, variant))
 
-    def enter(self, box: Box, lattice: Any) -> None:
-        """Work on this box of the grid from now on."""
-        self.view.lattice, self.view.nodes = lattice, box.nodes
+    def run(self, data: Tensor, start: int, stop: int, *, keep: bool, room: int) -> Tensor:
+        """States (B, P, 24) after substeps start .. stop - 1 from `data`; a view, which the next run overwrites. With `keep`
+        every state stays, and the velocities where boxes lie `room` nodes apart as here: what `reverse` needs."""
+        self.states[0].copy_(data)
+        self.scratch.start.fill_(start)
+        self.program.run(stop - start, keep=keep, stride=self._stride(room) if keep else 0, room=room)
+        return self.states[stop - start if keep else (stop - start) % 2]
 
-    @property
-    def stride(self) -> int:
-        """Distance of the kept velocity grids; 0 where the present box leaves no room to keep them."""
-        return self.grids * self.view.nodes if self.view.nodes <= self.velocity_nodes else 0
-
-    def run(self, data: Tensor, start: int, stop: int, *, keep: bool) -> Tensor:
-        """State (P, 24) after substeps start .. stop - 1 from `data`; a view, which the next run overwrites. With `keep`
-        every state stays, and the velocities where there is room: what `reverse` needs."""
-        self.view.states[0].copy_(data)
-        self.program.run(start, stop, keep=keep, stride=self.stride if keep else 0)
-        return self.view.states[stop - start if keep else 0]
-
-    def reverse(self, start: int, stop: int) -> None:
+    def reverse(self, start: int, stop: int, *, room: int) -> None:
         """Take the adjoint in scratch from after the kept substep `stop` - 1 to before `start`, the first that was kept."""
-        self.program.reverse(start, stop - start, stride=self.stride)
+        self.scratch.start.fill_(start)
+        self.program.reverse(stop - start, stride=self._stride(room), room=room)
+
+    def _stride(self, room: int) -> int:
+        """Distance of the kept velocity grids; 0 where none are kept for such boxes."""
+        return self.scratch.pitch * self.scratch.batch * room if room == self.room else 0

@@ -18,7 +18,6 @@ from .force_lattice import ForceLattice
 from .handle import node_motion, substep_poses
 from .laws import LAWS, VISCOSITY, constants
 from .replay import Replay
-from .scratch import NO_FLAG
 from .stability import max_viscosity, max_young, raise_for_flag
 from .state import State
 
@@ -32,7 +31,7 @@ class _Frame(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, replay: Replay, data: Tensor, *values: Tensor) -> Tensor:
-        after, ctx.box, ctx.lease = replay.forward(data, values, keep=any(ctx.needs_input_grad))
+        after, ctx.place = replay.forward(data, values, keep=any(ctx.needs_input_grad))
         ctx.replay = replay
         ctx.save_for_backward(data, *values)
         return after
@@ -40,7 +39,7 @@ class _Frame(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
         data, *values = ctx.saved_tensors
-        data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0], ctx.box, ctx.lease)
+        data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0], ctx.place)
         return None, data_bar, *(bar.clone() for bar in inputs_bar.tensors())
 
 
@@ -53,11 +52,16 @@ def _check_name(kind: str, value: str, known: Iterable[str]) -> None:
 
 
 class Simulator:
-    """Explicit MLS-MPM of one body on one grid, differentiable frame by frame.
+    """Explicit MLS-MPM of one body on one grid, differentiable frame by frame; of `batch` such simulations at once where
+    that is given.
 
-    Every length is in the body frame. A rollout keeps about 96 bytes x particles x frames (float32), and the simulator
-    96 bytes x particles x 2 sqrt(substeps) beside its grids; up to `memory_budget_mb` it keeps substep states of whole
-    frames instead, which saves replays and changes no result.
+    Every length is in the body frame. A rollout keeps about 96 bytes x batch x particles x frames (float32), and the
+    simulator 96 bytes x batch x particles x 2 sqrt(substeps) beside its grids; up to `memory_budget_mb` it keeps substep
+    states of whole frames instead, which saves replays and changes no result.
+
+    In a batch of B every shape below that starts with P may have a leading B, and states always have: (B, P, 24). Inputs
+    without it are shared. A value for each simulation and not for each particle has shape (B, 1); mass damping (B,).
+    The simulations know nothing of each other: each equals the same run alone, to the bit on a CPU.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class Simulator:
         force_lattice: Sequence[int] | None = None,
         planes: Sequence[Plane] = (),
         handle: Handle | None = None,
+        batch: int | None = None,
         memory_budget_mb: float = 512.0,
     ):
         """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
@@ -91,7 +96,10 @@ class Simulator:
         _check_name("force_on", force_on, FORCE_ON)
         if substeps < 1:
             raise InputError(f"substeps is {substeps}, must be at least 1; choose it with substeps_per_frame")
+        if batch is not None and batch < 1:
+            raise InputError(f"batch is {batch}, must be at least 1; leave it out for one simulation")
         self.particles, self.grid, self.substeps, self.period_s = particles, grid, int(substeps), float(period_s)
+        self.batch, self._lead = batch or 1, () if batch is None else (batch,)
         self.options: dict[str, Any] = {"dtype": dtype, "device": torch.device(device)}
         self.x_rest = self.tensor(particles.x_rest)
         self.volume = self.tensor(particles.volume)
@@ -108,6 +116,7 @@ class Simulator:
             self.volume,
             float(particles.mass.mean()),
             grid,
+            batch=self.batch,
             substeps=self.substeps,
             period_s=self.period_s,
             law=law,
@@ -122,10 +131,12 @@ class Simulator:
 
     def rest(self, *, x: Tensor | None = None, v: Tensor | None = None, C: Tensor | None = None, F: Tensor | None = None) -> State:
         """The body at rest and free of stress, with some of its parts exchanged; shapes as in State."""
-        zero = torch.zeros_like(self.x_rest)
-        unit = torch.eye(3, **self.options).expand(len(zero), 3, 3)
-        still = State.assemble(self.x_rest, zero, torch.zeros_like(unit), unit)
-        return still if x is v is C is F is None else still.replace(x=x, v=v, C=C, F=F)
+        shape = (*self._lead, *self.x_rest.shape)
+        zero, unit = torch.zeros_like(self.x_rest), torch.eye(3, **self.options)
+        still = self.x_rest, zero, torch.zeros_like(unit), unit
+        sizes = shape, shape, (*shape, 3), (*shape, 3)
+        given = (mine if part is None else part for mine, part in zip(still, (x, v, C, F), strict=True))
+        return State.assemble(*(part.expand(size) for part, size in zip(given, sizes, strict=True)))
 
     def frame(
         self,
@@ -163,19 +174,22 @@ class Simulator:
         friction: Tensor | None = None,
         handle_poses: Tensor | None = None,
         after_frame: AfterFrame | None = None,
+        cut_every: int | None = None,
         report: Callable[[float], None] | None = None,
     ) -> State:
-        """States at all T frames, as one State of shape (T, P, 24); the first is `state`.
+        """States at all T frames, as one State of shape (T, P, 24), in a batch (T, B, P, 24); the first is `state`.
 
-        `force` has shape (T - 1, P, 3): force[k] acts between frames k and k + 1. `handle_poses` (T, 4, 4) are the
-        handle's poses body_from_handle at the frames; `after_frame` maps the state at each new frame (stiffness damping);
-        `report` hears the share of frames done. Else as in `frame`.
+        `force` has shape (T - 1, P, 3), in a batch also (T - 1, B, P, 3): force[k] acts between frames k and k + 1.
+        `handle_poses` (T, 4, 4) or (B, T, 4, 4) are the handle's poses body_from_handle at the frames; `after_frame` maps
+        the state at each new frame (stiffness damping); gradients do not pass frames cut_every, 2 cut_every, ..: they see
+        at most so many frames back; `report` hears the share of frames done. Else as in `frame`.
         """
         material, drag = self._material(young, poisson, density), self._drag(mass_damping)
         paths = self._paths(handle_poses, len(force))
         states = [state]
         for k, density_of_force in enumerate(force):
-            after = self._step(states[-1], material, density_of_force, drag, self._borders(friction, paths[k]), k)
+            before = states[-1].detach() if cut_every and k and k % cut_every == 0 else states[-1]
+            after = self._step(before, material, density_of_force, drag, self._borders(friction, paths[k]), k)
             states.append(after_frame(after) if after_frame else after)
             if report:
                 report((k + 1) / len(force))
@@ -213,29 +227,37 @@ class Simulator:
         return self.replay.bytes()
 
     def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Constants of the law (P, 4) and density [kg/m^3] (P,)."""
-        of_law = constants.stacked(self.law, young, poisson, self.law_parameters, self.volume)
-        return of_law, self.tensor(self.density if density is None else density).expand_as(self.volume)
+        """Constants of the law (B, P, 4) and density [kg/m^3] (B, P)."""
+        every = self._each(self.volume, len(self.volume))
+        of_law = constants.stacked(self.law, young, poisson, self.law_parameters, every)
+        return of_law, self.tensor(self.density if density is None else density).expand_as(every)
+
+    def _each(self, value: Tensor, *shape: int) -> Tensor:
+        """A value for every simulation, shape (B, *shape)."""
+        return value.expand(self.batch, *shape)
 
     def _drag(self, mass_damping: Tensor | float) -> Tensor:
-        """Share of velocity that mass damping leaves after one substep, shape (1,)."""
-        alpha = torch.as_tensor(mass_damping).to(**self.options)
-        return torch.exp(-alpha * (self.period_s / self.substeps)).reshape(1)
+        """Share of velocity that mass damping leaves after one substep, shape (B,)."""
+        alpha = torch.as_tensor(mass_damping, **self.options)
+        return self._each(torch.exp(-alpha * (self.period_s / self.substeps)))
 
     def _paths(self, poses: Tensor | None, frames: int) -> Sequence[Tensor | None]:
         """Poses at the substep boundaries of every frame."""
         if poses is None:
             return [None] * frames
-        if len(poses) != frames + 1:
-            raise InputError(f"handle_poses: there are {len(poses)} for {frames + 1} frames; give one pose a frame")
+        if poses.shape[-3] != frames + 1:
+            raise InputError(f"handle_poses: there are {poses.shape[-3]} for {frames + 1} frames; give one pose a frame")
+        if poses.ndim == 4:
+            return torch.stack([substep_poses(own, self.substeps) for own in poses], 1)  # type: ignore[return-value]
         return substep_poses(poses, self.substeps)  # type: ignore[return-value]
 
     def _borders(self, friction: Tensor | None, path: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """What of the borders may change from frame to frame: Inputs.friction, motion and handle_from_body."""
         if not self.borders:
-            return self.volume.new_zeros(0), self.volume.new_zeros(0, 3, 4), self.volume.new_zeros(0, 3, 4)
+            none = self.volume.new_zeros(self.batch, 0)
+            return none, none[..., None, None].expand(self.batch, 0, 3, 4), none[..., None, None].expand(self.batch, 0, 3, 4)
         handle = self.borders.handle
-        if path is not None and (handle is None or path.shape != (self.substeps + 1, 4, 4)):
+        if path is not None and (handle is None or path.shape[-3:] != (self.substeps + 1, 4, 4)):
             raise InputError(
                 f"handle_path has shape {tuple(path.shape)} for {self.substeps} substeps; give the simulator a handle and one pose at each of their {self.substeps + 1} boundaries"
             )
@@ -243,8 +265,9 @@ class Simulator:
             pose = torch.as_tensor(handle.pose if handle else np.eye(4), dtype=torch.float64, device=self.volume.device)
             path = pose.expand(self.substeps + 1, 4, 4)
         rubbing = np.array([plane.friction for plane in self.borders.planes]) if friction is None else friction
-        motion, there = node_motion(path, self.period_s / self.substeps)
-        return self.tensor(rubbing), self.tensor(motion), self.tensor(there)
+        own = path.expand(self.batch, self.substeps + 1, 4, 4).movedim(0, 1)
+        motion, there = (self.tensor(a.movedim(1, 0)) for a in node_motion(own, self.period_s / self.substeps))
+        return self._each(self.tensor(rubbing), len(self.borders.planes)), motion, there
 
     def _step(
         self,
@@ -256,32 +279,32 @@ class Simulator:
         number: int,
     ) -> State:
         of_law, density = material
-        body, node_force = density[:, None] * self.gravity, self.volume.new_zeros(1, 3)
+        body, node_force = density[..., None] * self.gravity, self.volume.new_zeros(1, 3)
         if force is not None and self.nodal:
-            node_force = (self.force_lattice.on_nodes(force) if self.force_lattice else force).reshape(-1, 3)
+            node_force = (self.force_lattice.on_nodes(force) if self.force_lattice else force).flatten(-4, -2)
         elif force is not None:
             body = body + force
         elif self.nodal:
             node_force = node_force.expand(math.prod(self.grid.size), 3)
-        inputs = of_law, body, density * self.volume, drag, node_force, *borders
-        data = _Frame.apply(self.replay, state.data.contiguous(), *inputs)
-        self._check_flag(number, of_law.detach())
-        return State(data)
+        loads = self._each(body, *self.x_rest.shape), density * self.volume, drag, self._each(node_force, *node_force.shape[-2:])
+        data = state.data if self._lead else state.data[None]
+        after = _Frame.apply(self.replay, data.contiguous(), of_law, *loads, *borders)
+        if self.replay.flagged:
+            self._raise(number, of_law.detach())
+        return State(after if self._lead else after[0])
 
-    def _check_flag(self, number: int, of_law: Tensor) -> None:
-        code = self.replay.code
-        if code == NO_FLAG:
-            return
-        mu, lam = of_law[:, 0], of_law[:, 1]
-        count = len(self.volume)
+    def _raise(self, number: int, of_law: Tensor) -> None:
+        simulation, code, where = self.replay.first_flag()
+        mu, lam = of_law[simulation, :, 0], of_law[simulation, :, 1]
         raise_for_flag(
             code,
-            particles=count,
+            particles=len(self.volume),
             frame=number,
             substeps=self.substeps,
-            where=self.replay.position(code),
+            where=where,
             stiffest=float((mu * (3 * lam + 2 * mu) / (lam + mu)).max()),
             allowed=self.max_young(),
+            simulation=simulation if self._lead else None,
         )
 
     def _check_viscosity(self) -> None:

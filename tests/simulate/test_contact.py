@@ -64,8 +64,8 @@ def borders(planes: tuple[Plane, ...], friction: torch.Tensor, motion: torch.Ten
     made.normal = wp.array(np.array([p.unit_normal for p in planes]).reshape(-1, 3), dtype=t.vec3)
     made.offset = wp.array([p.offset_m for p in planes], dtype=wp.float64)
     made.kind = wp.array([p.kind_index for p in planes], dtype=int)
-    made.friction, made.motion = wp.from_torch(friction), wp.from_torch(motion, dtype=c.mat34)
-    made.handle_from_body = wp.array(np.eye(4)[None, :3], dtype=c.mat34)
+    made.friction, made.motion = wp.from_torch(friction[None]), wp.from_torch(motion[None], dtype=c.mat34)
+    made.handle_from_body = wp.array(np.eye(4)[None, None, :3], dtype=c.mat34)
     made.low, made.high = (t.vec3(*corner) for corner in Borders(handle=HANDLE if handle else None).box)
     return made
 
