@@ -21,7 +21,7 @@ SERIES_BELOW = 0.06  # where the seven terms below are exact to rounding in floa
 
 @cache
 def build(real: type) -> SimpleNamespace:
-    """Over scalar type `real`: principal, assembled, in_frame, log_slopes, exp_slopes, stretch, stretch_adjoint."""
+    """Over scalar type `real`: principal, assembled, in_frame, log_slopes, exp_slopes."""
     vec3, mat33 = wp.types.vector(3, real), wp.types.matrix((3, 3), real)
     sweeps, epsilon, series_below = SWEEPS[real], real(EPSILON[real]), real(SERIES_BELOW)
 
@@ -120,23 +120,5 @@ def build(real: type) -> SimpleNamespace:
         b = exp_slope(y[0], y[2])
         c = exp_slope(y[0], y[1])
         return mat33(wp.exp(y[0]), c, b, c, wp.exp(y[1]), a, b, a, wp.exp(y[2]))
-
-    @wp.func
-    def stretch(F: mat33):
-        """Directions, values and the whole of the left stretch sqrt(F F^T)."""
-        U, beta = principal(F * wp.transpose(F))
-        values = vec3(wp.sqrt(beta[0]), wp.sqrt(beta[1]), wp.sqrt(beta[2]))
-        return U, values, assembled(U, values)
-
-    @wp.func
-    def stretch_adjoint(F: mat33, U: mat33, s: vec3, stretch_bar: mat33):
-        """Adjoint of F: divided differences of the square root are 1 / (s_i + s_j)."""
-        one = real(1.0)
-        a = one / (s[1] + s[2])
-        b = one / (s[0] + s[2])
-        c = one / (s[0] + s[1])
-        half = real(0.5)
-        slopes = mat33(half / s[0], c, b, c, half / s[1], a, b, a, half / s[2])
-        return real(2.0) * (U * wp.cw_mul(slopes, in_frame(U, stretch_bar)) * wp.transpose(U) * F)
 
     return SimpleNamespace(**locals())
