@@ -23,7 +23,7 @@ def substep_poses(poses: Tensor, substeps: int) -> Tensor:
     """
     _check(poses)
     poses = poses.double()
-    along = se3_log(inverse(poses[:-1]) @ poses[1:])
+    along = se3_log(torch.linalg.solve(poses[:-1], poses[1:]))
     slope = torch.cat([along[:1], (along[:-1] + along[1:]) / 2, along[-1:]])
     arrive = _slope_of_log(along, slope[1:])
     s = torch.linspace(0, 1, substeps + 1, dtype=torch.float64, device=poses.device)[:, None]
@@ -37,16 +37,9 @@ def node_motion(poses: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     that x + dt v(x) is the rigid motion itself (v + omega x r to first order; held material neither drifts nor
     strains), and handle_from_body (K, ..., 3, 4), which says what is held and carries no gradient."""
     poses = poses.double()
-    there = inverse(poses[:-1])
+    there = torch.linalg.inv(poses[:-1])  # not the transpose: poses in single precision must not make what stands still creep
     step = poses[1:] @ there - torch.eye(4, dtype=torch.float64, device=poses.device)
     return step[..., :3, :] / dt, there[..., :3, :].detach()
-
-
-def inverse(poses: Tensor) -> Tensor:
-    """Inverse of rigid transforms (..., 4, 4)."""
-    turn = poses[..., :3, :3].mT
-    upper = torch.cat([turn, -turn @ poses[..., :3, 3:]], -1)
-    return torch.cat([upper, poses[..., 3:, :]], -2)
 
 
 def twist_matrix(twist: Tensor) -> Tensor:

@@ -16,6 +16,7 @@ from diffphys_ros.simulate.handle import substep_poses, twist_matrix
 from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
 
 from .bodies import block, full, masses, simulator
+from .test_physics import energy
 
 G, DX, PERIOD_S = 9.81, 0.02, 1 / 60
 ROOT = Handle(low=(-math.inf,) * 3, high=(0.0, math.inf, math.inf))  # holds what a clamp of the beam at x = 0 holds
@@ -95,6 +96,16 @@ def test_a_sliding_block_loses_mu_times_the_momentum_that_the_floor_gives_it():
     pressed = speed[:, 2] + G * time  # momentum from the floor over the mass, bounces included
     assert float(pressed[-1]) > 0.5 * G * float(time[-1])
     torch.testing.assert_close(0.6 - speed[:, 0], friction * pressed, rtol=3e-3, atol=1e-6)  # nodes do not all slide quite the same way
+
+
+@pytest.mark.parametrize(("kind", "friction"), [("sticky", 0.0), ("slip", 0.3), ("separate", 0.0), ("separate", 0.3)])
+def test_a_floor_does_no_work_on_what_falls_onto_it(kind, friction):
+    sim, young = falling(kind, friction), 1e5
+    path = roll(sim, 12, start=sim.rest(v=sim.tensor([0.3, 0.0, -0.5]).expand_as(sim.x_rest)), young=young)
+    states = [State(data) for data in path.data]
+    total = torch.tensor([energy(sim, s, young) + float(G * masses(sim) @ s.x[:, 2]) for s in states])
+    assert (total[1:] - total[:-1]).max() < 1e-4 * (total[0] - total[-1]), "energy must not rise"
+    assert states[-1].v[:, 2].abs().max() < 0.5
 
 
 def test_a_sticky_floor_holds_what_a_separating_one_lets_go():

@@ -63,6 +63,13 @@ def test_a_substep_of_node_motion_is_the_rigid_motion_itself():
         torch.testing.assert_close(now @ handle_from_body[n, :, :3].T + handle_from_body[n, :, 3], held, rtol=0, atol=1e-13)
 
 
+def test_a_handle_that_stands_makes_nothing_creep_though_its_pose_is_rounded():
+    pose = exp(0.7 * draw(6)).float()
+    fine = substep_poses(pose.expand(4, 4, 4), SUBSTEPS)
+    assert (fine - pose).abs().max() < 1e-12
+    assert node_motion(fine[1], 1e-4)[0].abs().max() < 1e-10
+
+
 def test_node_motion_is_differentiable_in_the_twists_between_frames():
     weight = draw(3, 3, 4, seed=2)
 
