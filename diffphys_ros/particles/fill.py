@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,6 +14,8 @@ from ..types import Body, Particles
 GHOST_CELLS = 0.5  # grid cells behind the clamp that ghosts fill: further back the quadratic B-spline reaches held nodes alone
 LEAST_COVER = 0.3  # of a lattice cell: less than that is handed to a neighbour
 
+Overlap = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -21,6 +24,7 @@ class Columns:
     cell: np.ndarray  # lattice cell along x and y, shape (C, 2)
     centre: np.ndarray  # centroid of the covered area, body x and y [m], shape (C, 2)
     second: np.ndarray  # second moment of the covered area about y = 0 [m^4], shape (C,)
+    part: np.ndarray  # 1..n, shape (C,)
     area: np.ndarray  # covered area [m^2], shape (C,)
     volume: np.ndarray  # [m^3], shape (C,)
 
@@ -51,7 +55,7 @@ def fill(body: Body, dx: float, per_cell: float) -> Particles:
     x = np.concatenate([columns.centre[column], (_layers(count) * thickness[column])[:, None]], 1)
     order = _grid_order(x, dx)
     x, column = x[order], column[order]
-    part = body.part_at(x).astype(np.int64)
+    part = columns.part[column]
     return Particles(x, (columns.volume / count)[column], part, body.density[part - 1], body.poisson[part - 1], column >= len(own.area))
 
 
@@ -70,7 +74,7 @@ def _spread(columns: Columns) -> Columns:
     order = np.lexsort((columns.cell[:, 1], columns.cell[:, 0]))
     step = np.diff(columns.cell[order], axis=0)
     run = np.empty(len(order), int)
-    run[order] = np.cumsum(np.r_[0, (step[:, 0] != 0) | (step[:, 1] != 1)])
+    run[order] = np.cumsum(np.r_[0, (step[:, 0] != 0) | (step[:, 1] > 1)])
     y, thickness = columns.centre[:, 1], columns.volume / columns.area
     total, first = (np.bincount(run, columns.volume * m) for m in (1.0, y))
     middle = (first / total)[run]
@@ -81,30 +85,37 @@ def _spread(columns: Columns) -> Columns:
 
 
 def _columns(body: Body, spacing: float) -> Columns:
-    """Columns that the silhouette covers by at least a share of their cell; smaller pieces go to their nearest neighbour."""
-    x_low = 0.0 if body.clamped else _low_edge(body, 0)
-    wx, mx, _ = _overlaps(body, 0, x_low, spacing)
-    wy, my, sy = _overlaps(body, 1, _centred_edge(body, spacing), spacing)
-    flat = body.inside.astype(float)
+    """Columns of every part by itself, so that parts end where the raster says and not at the next lattice plane."""
+    low = 0.0 if body.clamped else _low_edge(body, 0)
+    overlaps = _overlaps(body, 0, low, spacing), _overlaps(body, 1, _centred_edge(body, spacing), spacing)
+    found = [_columns_of(body, i + 1, overlaps, spacing) for i in range(body.parts)]
+    return reduce(Columns.joined, [_merged(columns, spacing) for columns in found if len(columns.area)])
+
+
+def _columns_of(body: Body, part: int, overlaps: tuple[Overlap, Overlap], spacing: float) -> Columns:
+    """Columns that one part touches."""
+    (wx, mx, _), (wy, my, sy) = overlaps
+    flat = (body.inside & (body.part == part)).astype(float)
     area = wx @ flat @ wy.T
-    moment = np.stack([mx @ flat @ wy.T, wx @ flat @ my.T], -1)
     volume = wx @ (flat * 2 * body.half_thickness) @ wy.T
     touched = area > 1e-9 * spacing**2
-    centre = moment[touched] / area[touched][:, None]
-    return _merged(Columns(np.argwhere(touched), centre, (wx @ flat @ sy.T)[touched], area[touched], volume[touched]), spacing)
+    centre = np.stack([mx @ flat @ wy.T, wx @ flat @ my.T], -1)[touched] / area[touched][:, None]
+    number = np.full(touched.sum(), part)
+    return Columns(np.argwhere(touched), centre, (wx @ flat @ sy.T)[touched], number, area[touched], volume[touched])
 
 
 def _merged(columns: Columns, spacing: float) -> Columns:
+    """Columns that cover at least a share of their cell; smaller pieces go to the nearest of them."""
     large = columns.area >= LEAST_COVER * spacing**2
     if not large.any():
         return columns
     _, owner = cKDTree(columns.centre[large]).query(columns.centre)
     second, area, volume = (np.bincount(owner, m, large.sum()) for m in (columns.second, columns.area, columns.volume))
     centre = np.stack([np.bincount(owner, columns.area * columns.centre[:, i], large.sum()) for i in (0, 1)], -1) / area[:, None]
-    return Columns(columns.cell[large], centre, second, area, volume)
+    return replace(columns.keep(np.flatnonzero(large)), centre=centre, second=second, area=area, volume=volume)
 
 
-def _overlaps(body: Body, axis: int, low: float, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _overlaps(body: Body, axis: int, low: float, spacing: float) -> Overlap:
     """Length of every raster cell inside every lattice cell along an axis, its first and its second moment, each (lattice, raster)."""
     edges = body.origin[axis] + body.pitch_m * (np.arange(body.inside.shape[axis] + 1) - 0.5)
     first = int(np.floor((edges[0] - low) / spacing + 1e-9))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def test_first_moments_are_those_of_the_body() -> None:
 
 
 def test_lattice_planes_lie_on_the_clamp_and_layers_about_the_mid_plane() -> None:
-    particles = fill(made_body(), 0.004, 2.0)
+    particles = fill(replace(made_body(), part=np.ones((130, 60), np.uint8), density=np.array([500.0]), poisson=np.array([0.3])), 0.004, 2.0)
     x = particles.x_rest
     assert np.allclose(np.unique(np.round((x[:, 0] / 0.002) % 1, 6)), 0.5)
     assert np.allclose(np.unique(np.round(x[:, 2], 9)), (np.arange(8) - 3.5) * 0.002 / np.sqrt(1 - 1 / 64))
@@ -81,6 +82,20 @@ def test_second_moments_of_a_ragged_body_are_those_of_its_columns() -> None:
     cells, half = body.origin + PITCH * np.argwhere(body.inside), body.half_thickness[body.inside]
     assert np.average(x[:, 1] ** 2, weights=v) == pytest.approx(np.average(cells[:, 1] ** 2, weights=half), rel=0.01)
     assert np.average(x[:, 2] ** 2, weights=v) == pytest.approx(np.average(half**2 / 3, weights=half), rel=0.01)
+
+
+@pytest.mark.parametrize("per_cell", [1.0, 1.5, 2.0])
+def test_every_part_keeps_its_volume_and_its_middle(per_cell: float) -> None:
+    body = made_body(ragged=True)
+    particles = fill(body, 0.005, per_cell)
+    own = particles.own
+    for part in (1, 2):
+        cells = body.inside & (body.part == part)
+        weight = 2 * body.half_thickness[cells] * PITCH**2
+        at = own[particles.part[own] == part]
+        assert particles.volume[at].sum() == pytest.approx(weight.sum(), rel=1e-9)
+        middle = np.average(body.origin[0] + PITCH * np.nonzero(cells)[0], weights=weight)
+        assert np.average(particles.x_rest[at, 0], weights=particles.volume[at]) == pytest.approx(middle, abs=1.5e-4)
 
 
 def test_no_ghosts_without_a_clamp() -> None:
