@@ -308,7 +308,7 @@ class Simulator:
         )
 
     def _check_viscosity(self) -> None:
-        viscosity = float(torch.as_tensor(self.law_parameters.get(VISCOSITY, 0.0)).max())
+        viscosity = float(torch.as_tensor(self.law_parameters.get(VISCOSITY, 0.0)).detach().max())
         carried = max_viscosity(self.substeps, self.particles.density, dx=self.grid.dx, period_s=self.period_s)
         if viscosity > carried:
             raise InputError(

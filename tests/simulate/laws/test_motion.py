@@ -20,7 +20,18 @@ COLUMN = (6, 1, 8)  # cells along x, y and z
 WIDTH, HEIGHT = COLUMN[0] * DX, COLUMN[2] * DX
 
 
-def basin(law: str, *, left: int, right: int, kind: str, young: float = 1e5, density: float = 1000.0, **parameters: float) -> Simulator:
+def basin(
+    law: str,
+    *,
+    left: int,
+    right: int,
+    kind: str,
+    young: float = 1e5,
+    density: float = 1000.0,
+    dtype: torch.dtype = torch.float32,
+    batch: int | None = None,
+    **parameters: float | torch.Tensor,
+) -> Simulator:
     """A column on a floor between two panes a cell apart, with walls `left` and `right` cells beside it."""
     particles, _ = block(COLUMN, dx=DX, density=density, poisson=POISSON, clamped=False)
     room = 3
@@ -30,17 +41,15 @@ def basin(law: str, *, left: int, right: int, kind: str, young: float = 1e5, den
     walls = Plane((1, 0, 0), -left * DX, kind), Plane((-1, 0, 0), -WIDTH - right * DX, kind)
     substeps = substeps_per_frame(young, POISSON, density, dx=DX, period_s=PERIOD_S, margin=1.2)
     planes = (Plane((0, 0, 1), 0.0, kind), *panes, *walls)
-    return Simulator(
-        particles, grid, substeps=substeps, period_s=PERIOD_S, gravity=(0, 0, -G), law=law, law_parameters=parameters, planes=planes
-    )
+    options = {"substeps": substeps, "period_s": PERIOD_S, "gravity": (0, 0, -G), "planes": planes, "dtype": dtype, "batch": batch}
+    return Simulator(particles, grid, law=law, law_parameters=parameters, **options)
 
 
 def run(sim: Simulator, frames: int, *, young: float = 1e5, push: torch.Tensor | None = None, damping: float = 0.0) -> State:
-    force = torch.zeros(frames, len(sim.volume), 3)
+    force = sim.tensor(torch.zeros(frames, len(sim.volume), 3))
     if push is not None:
-        force[: len(push)] = push[:, None]
-    with torch.no_grad():
-        return sim.rollout(sim.rest(), full(sim, young), full(sim, POISSON), force, damping)
+        force[: len(push)] = push[:, None].to(force)
+    return sim.rollout(sim.rest(), full(sim, young), full(sim, POISSON), force, damping)
 
 
 def steepness(x: torch.Tensor) -> float:
@@ -89,6 +98,30 @@ def test_a_more_viscous_fluid_spreads_more_slowly():
         for eta in (0.0, 40.0, 100.0)
     ]
     assert reach[0] > reach[1] > reach[2]
+
+
+@pytest.mark.parametrize(
+    ("law", "name", "value"),
+    [("von_mises", "yield_stress_pa", 800.0), ("drucker_prager", "friction_angle_rad", 0.6), ("weakly_compressible", "viscosity_pa_s", 10.0)],
+)
+def test_the_gradient_of_a_collapse_along_a_laws_own_parameter_equals_central_differences(law, name, value):
+    def lean(parameter: torch.Tensor) -> torch.Tensor:
+        path = run(basin(law, left=20, right=20, kind="sticky", dtype=torch.float64, **{name: parameter}), 6)
+        return path.x[-1, :, 2].mean() + (path.x[-1, :, 0] - WIDTH / 2).square().mean() / WIDTH
+
+    parameter = torch.tensor(value, dtype=torch.float64, requires_grad=True)
+    (slope,) = torch.autograd.grad(lean(parameter), parameter)
+    with torch.no_grad():
+        above, below = (lean(parameter * (1 + sign * 3e-6)) for sign in (1, -1))
+    assert float(slope) == pytest.approx(float(above - below) / (6e-6 * value), rel=1e-5)
+
+
+def test_simulations_of_a_batch_may_differ_in_a_laws_own_parameter():
+    yields = torch.tensor([500.0, 900.0, 1e4])
+    together = run(basin("von_mises", left=6, right=6, kind="sticky", batch=3, yield_stress_pa=yields[:, None]), 3)
+    for k, value in enumerate(yields):
+        alone = run(basin("von_mises", left=6, right=6, kind="sticky", yield_stress_pa=float(value)), 3)
+        assert torch.equal(together.x[:, k], alone.x)
 
 
 def test_parameters_that_a_law_does_not_have_or_cannot_take_are_refused_in_a_sentence():
