@@ -13,7 +13,7 @@ from ..footprints import footprint_weights
 from ..particles import fill, fit_grid
 from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
-from .calibrate import measure_apparent, motion_share
+from .calibrate import UNMEASURED, measure_apparent, motion_share
 from .linear import linear_coordinates
 from .plan import Plan
 from .prepare import Prepared
@@ -44,6 +44,7 @@ class Discretisation:
     particles: Particles
     grid: Grid
     apparent: float  # E_apparent / E of this lattice on this body; E_true = E_solver * apparent
+    expected_log10_error: float  # of E_solver * apparent, by the grid alone
     basis: np.ndarray  # modal basis at the particles, 0 at ghosts, (P, 3, r)
     basis_gradient: np.ndarray  # [1/m], (P, 3, 3, r)
     sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
@@ -58,15 +59,17 @@ def discretise(prepared: Prepared, plan: Plan, *, device: str) -> Discretisation
     value, gradient = modal.evaluate(particles.x_rest)
     value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
     sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
-    return Discretisation(particles, grid, _apparent(prepared, particles, grid, device), value, gradient, sag)
+    return Discretisation(particles, grid, *_apparent(prepared, particles, grid, device), value, gradient, sag)
 
 
-def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str) -> float:
-    body, start = prepared.body, prepared.start
-    if not body.clamped:
-        return 1.0
-    share = motion_share(prepared.modal, start.young, linear_coordinates(prepared))
-    return measure_apparent(particles, grid, body, prepared.modal, start.young, share, device=device).value
+def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str) -> tuple[float, float]:
+    """The lattice's apparent stiffness and the error of log10 E that is left once it is corrected for."""
+    if not prepared.body.clamped:
+        return 1.0, UNMEASURED
+    young = prepared.start.young
+    share = motion_share(prepared.modal, young, linear_coordinates(prepared))
+    found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)
+    return found.value, found.expected_log10_error
 
 
 def _largest_motion(prepared: Prepared) -> float:

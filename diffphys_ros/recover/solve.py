@@ -109,7 +109,8 @@ def solve(
     _repeatable(pick_device(settings))
     problem = pose_problem(prepared, splats, settings)
     count = len(problem.disc.particles.own)
-    yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, apparent stiffness {problem.disc.apparent:.3f}")
+    grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
+    yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}")
     state = yield from _search(problem, checkpoint, began)
     yield Progress("result", text="final simulation and rendering")
     recovery = _answer(problem, state)
@@ -216,6 +217,7 @@ def _answer(problem: Problem, state: Iterate) -> Recovery:
         "particles_per_cell_and_axis": problem.plan.per_cell,
         "substeps": problem.forward.simulator.substeps,
         "apparent_stiffness": problem.disc.apparent,
+        "expected_log10_error_of_grid": problem.disc.expected_log10_error,
         "young_start_pa": problem.prepared.start.young.tolist(),
         "young_refined_pa": (problem.layout.young_of(state.z) * problem.disc.apparent).tolist(),
     }
