@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.bars import Bar, timoshenko_mode
 from diffphys_ros.errors import InputError
 from diffphys_ros.simulate import Handle, ModalDamping, State, lattice_modes
 
 from .bodies import block, full, masses, simulator
-from .test_physics import timoshenko
 
 YOUNG, PERIOD_S = 4e4, 1 / 60
 
 
 def test_frequencies_of_a_bar_are_those_of_theory():
     _, _, omega = lattice_modes(*block((16, 4, 4), dx=0.015, per_cell=1.5), 2e5, count=2)
-    assert omega / (2 * math.pi) == pytest.approx([timoshenko(0.24, 0.06, 2e5, 0.3, 1000.0)] * 2, rel=0.03)
+    assert omega == pytest.approx([timoshenko_mode(Bar(length=0.24, width=0.06), 2).omega] * 2, rel=0.03)
     _, _, omega = lattice_modes(*block((12, 2, 2), dx=0.02, poisson=0.0), YOUNG, count=6)
     axial = math.sqrt(YOUNG / 1000.0) / (4 * 0.24)
     assert np.abs(omega / (2 * math.pi) - axial).min() < 0.03 * axial

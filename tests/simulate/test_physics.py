@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from diffphys_ros.simulate import State, substeps_per_frame
+from diffphys_ros.simulate import State
 from diffphys_ros.simulate.laws import LAWS
 
 from .bodies import block, full, masses, simulator
@@ -89,31 +89,21 @@ def test_mass_damping_slows_a_free_body_exponentially():
     torch.testing.assert_close(after.v, torch.full_like(after.v, 0.3 * math.exp(-4.0 * PERIOD_S)))
 
 
-def test_energy_of_a_clamped_vibration_falls_slowly_and_as_damping_says():
+def test_energy_of_a_clamped_vibration_never_rises_and_falls_by_what_damping_takes():
     young, alpha, frames = 2e5, 1.5, 12
     sim = simulator(block((20, 4, 4), dx=0.015, per_cell=1.5), substeps=73, period_s=PERIOD_S)
     force = torch.zeros(frames, *sim.x_rest.shape)
-    left = []
-    for rate in (0.0, alpha):
-        path = sim.rollout(sim.rest(v=first_mode(sim, 0.3)), full(sim, young), full(sim, 0.3), force, rate)
-        left.append(energy(sim, State(path.data[-1]), young) / energy(sim, State(path.data[1]), young))
-    assert 0.93 < left[0] < 1.0
-    assert left[1] / left[0] == pytest.approx(math.exp(-alpha * (frames - 1) * PERIOD_S), rel=0.05)
-
-
-@pytest.mark.parametrize("axis", [1, 2])
-def test_a_cantilever_of_four_cells_vibrates_within_4_percent_of_timoshenko(axis):
-    length, height, young, nu, rho, dx = 0.3, 0.06, 2e5, 0.3, 1000.0, 0.015
-    substeps = substeps_per_frame(young, nu, rho, dx=dx, period_s=PERIOD_S, margin=1.0)
-    sim = simulator(block((20, 4, 4), dx=dx, per_cell=1.5), substeps=substeps, period_s=PERIOD_S, dtype=torch.float32)
-    with torch.no_grad():
-        path = sim.rollout(
-            sim.rest(v=first_mode(sim, length, axis)), full(sim, young), full(sim, nu), torch.zeros(40, *sim.x_rest.shape), 0.0
-        )
-    tip = sim.x_rest[:, 0] > length - dx
-    swing = (path.x - sim.x_rest)[:, tip, axis].mean(1).double().numpy()
-    ratio = frequency(swing, PERIOD_S) / timoshenko(length, height, young, nu, rho)
-    assert 0.96 < ratio < 1.005
+    free, damped = (
+        sim.rollout(sim.rest(v=first_mode(sim, 0.3)), full(sim, young), full(sim, 0.3), force, rate).data for rate in (0.0, alpha)
+    )
+    kept, left = (np.array([energy(sim, State(data), young) for data in path]) for path in (free, damped))
+    assert np.all(np.diff(kept) < 0)
+    assert np.all(np.diff(left) < 0)
+    assert kept[-1] > 0.975 * kept[1], "affine transfers alone take little"
+    power = alpha * np.array([float((masses(sim) * State(data).v.square().sum(1)).sum()) for data in damped])
+    taken = PERIOD_S * (power[1:-1].sum() + (power[0] + power[-1]) / 2)
+    lattice = 1 - kept[-1] / kept[0]  # the share that goes without damping
+    assert left[0] - left[-1] == pytest.approx(taken + lattice * (left[0] + left[-1]) / 2, rel=0.03)
 
 
 def first_mode(sim, length: float, axis: int = 1) -> torch.Tensor:
@@ -121,26 +111,3 @@ def first_mode(sim, length: float, axis: int = 1) -> torch.Tensor:
     s, v = sim.x_rest[:, 0] / length, torch.zeros_like(sim.x_rest)
     v[:, axis] = 0.05 * s**2 * (6 - 4 * s + s**2) / 3
     return v
-
-
-def timoshenko(length: float, height: float, young: float, nu: float, rho: float) -> float:
-    """First frequency [Hz] of a cantilever of square section: Euler-Bernoulli with the leading correction for rotary
-    inertia and shear (Dunkerley's sum of flexibilities)."""
-    inertia, area, shear = height**4 / 12, height**2, young / (2 * (1 + nu)) * 10 * (1 + nu) / (12 + 11 * nu)
-    bending = 1.875104**2 / length**2 * math.sqrt(young * inertia / (rho * area))
-    slide = math.pi / (2 * length) * math.sqrt(shear / rho)
-    rotary = 1 + (height**2 / 12) * 4.65 / length**2  # int phi'^2 / int phi^2 of the first mode = 4.65 / L^2
-    return (bending**-2 * rotary + slide**-2) ** -0.5 / (2 * math.pi)
-
-
-def frequency(signal: np.ndarray, period_s: float) -> float:
-    """Frequency [Hz] of the decaying sine that fits best, by q[k+1] + q[k-1] = a q[k] around it and a line search."""
-    t = np.arange(len(signal)) * period_s
-
-    def misfit(hz: float) -> float:
-        basis = np.stack([np.sin(2 * np.pi * hz * t), np.cos(2 * np.pi * hz * t)], 1)
-        basis = np.concatenate([basis, basis * t[:, None]], 1)
-        return float(np.linalg.norm(signal - basis @ np.linalg.lstsq(basis, signal, rcond=None)[0]))
-
-    grid = np.linspace(0.8, 2.5, 1701)
-    return float(grid[np.argmin([misfit(hz) for hz in grid])])
