@@ -1,7 +1,7 @@
 """Hencky's energy mu |h|^2 + lam / 2 tr(h)^2 of the logarithmic strain h = log(F F^T) / 2, and the return to a yield surface.
 
-With it the plastic flow of a substep is a radial return of h's deviator (Klar et al. 2016, section 4.3; de Souza Neto et al.
-2008, section 14.5): F = exp(k) F_trial with k = (radius / |dev h| - 1) dev h, a symmetric tensor in the principal frame.
+With it the plastic flow of a substep is a radial return of h's deviator (Simo 1992; Klar et al. 2016):
+F = exp(k) F_trial with k = (radius / |dev h| - 1) dev h, a symmetric tensor in the principal frame.
 """
 
 from functools import cache

@@ -2,7 +2,7 @@
 
 A primary matrix function Y(b) = U diag(f(beta)) U^T has the adjoint b_bar = U (Q o (U^T Y_bar U)) U^T, where Q_ij is the
 divided difference (f(beta_i) - f(beta_j)) / (beta_i - beta_j) and f'(beta_i) in its limit (Daleckii and Krein; Higham 2008,
-theorem 3.11). The differences are written so that nothing cancels and nothing is divided by beta_i - beta_j.
+theorem 3.11). The differences are written so that nothing cancels: series take over where beta_i and beta_j are close.
 Principal values come from Jacobi rotations: wp.svd3 and wp.eig3 lose up to 5e-3 in float32.
 """
 
