@@ -79,6 +79,8 @@ def adjoint(variant: Variant) -> SimpleNamespace:
     ):
         """Node n of the box."""
         m = lattice.base + n
+        for plane in range(wp.static(variant.planes)):
+            borders_bar.near[m * wp.static(variant.planes) + plane] = vec4()
         b = velocity_bar[m]
         if b[0] == real(0.0) and b[1] == real(0.0) and b[2] == real(0.0):
             momentum_bar[m] = vec4()
@@ -90,7 +92,7 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         if wp.static(bordered):  # noqa: SIM102 (static: compiled or not)
             if scale != real(0.0):
                 v = velocity[place + 1]
-                b = lift(meet_adjoint(lattice, borders, substep, n, lower(v), lower(b), borders_bar), real(0.0))
+                b = lift(meet_adjoint(lattice, borders, substep, n, lower(v), lower(b), velocity, place + 2, borders_bar), real(0.0))
         along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / drag
         momentum_bar[m] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
         drag_bar[m] = drag_bar[m] + along

@@ -12,6 +12,7 @@ from .common import common
 # mypy: ignore-errors
 
 STICKY, SLIP, SEPARATE = range(len(KINDS))
+LANDING = 4.0  # substeps in which a body would cover what is left of its way to a plane: the blow is spread over a few
 
 
 @cache
@@ -29,7 +30,7 @@ def _free(real: type) -> SimpleNamespace:
         none: int
 
     @wp.func
-    def meet(lattice: Lattice, borders: NoBorders, substep: int, n: int, v: vec3):
+    def meet(lattice: Lattice, borders: NoBorders, substep: int, n: int, v: vec3, nodes: wp.array(dtype=t.vec4), near: int):
         return v
 
     return SimpleNamespace(Borders=NoBorders, meet=meet, meet_adjoint=None)
@@ -40,7 +41,7 @@ def _met(real: type) -> SimpleNamespace:
     vec3, vec4, Lattice = t.vec3, t.vec4, t.Lattice
     mat34 = wp.types.matrix((3, 4), real)
     stick, separate = wp.constant(STICKY), wp.constant(SEPARATE)
-    edge = wp.constant(real(EDGE))
+    edge, landing = wp.constant(real(EDGE)), wp.constant(real(LANDING))
 
     @wp.struct
     class Borders:
@@ -52,6 +53,7 @@ def _met(real: type) -> SimpleNamespace:
         high: vec3
         motion: wp.array2d(dtype=mat34)  # of each simulation's handle in each substep: velocity = motion (x, 1) [1/s, m/s]
         handle_from_body: wp.array2d(dtype=mat34)  # at each substep
+        near: wp.array(dtype=vec4)  # sums of approach.py for each plane of each node
 
     @wp.func
     def place(lattice: Lattice, n: int):
@@ -60,72 +62,90 @@ def _met(real: type) -> SimpleNamespace:
         return lattice.origin + lattice.dx * vec3(real(ij // lattice.ny), real(ij % lattice.ny), real(k))
 
     @wp.func
-    def below(borders: Borders, plane: int, x: vec3, slack: real):
-        return wp.dot(borders.normal[plane], x) <= borders.offset[plane] + slack
+    def meets(lattice: Lattice, borders: Borders, plane: int, x: vec3, near: vec4):
+        """Whether a node at x lies at or below a plane, and material near it where the plane lets go."""
+        below = wp.dot(borders.normal[plane], x) <= borders.offset[plane] + edge * lattice.dx
+        return below and (borders.kind[plane] != separate or near[0] > real(0.0))
 
     @wp.func
-    def held(borders: Borders, simulation: int, substep: int, x: vec3, slack: real):
-        y = borders.handle_from_body[simulation, substep] * vec4(x[0], x[1], x[2], real(1.0))
+    def held(lattice: Lattice, borders: Borders, substep: int, x: vec3):
+        """Whether the handle's box holds a node at x."""
+        y = borders.handle_from_body[lattice.simulation, substep] * vec4(x[0], x[1], x[2], real(1.0))
         over = wp.max(borders.low - y, y - borders.high)
-        return wp.max(over[0], wp.max(over[1], over[2])) <= slack
+        return wp.max(over[0], wp.max(over[1], over[2])) <= edge * lattice.dx
 
     @wp.func
-    def bounce(v: vec3, normal: vec3, kind: int, friction: real):
-        """Velocity that a plane leaves of v."""
-        into = wp.dot(normal, v)
+    def reach(near: vec4):
+        """Distance that material near a node still has to a plane [m], from sums as in approach.py; 0 where it touches."""
+        return wp.max(near[1] / near[0], real(0.0))
+
+    @wp.func
+    def bounce(v: vec3, normal: vec3, kind: int, friction: real, ahead: real):
+        """Velocity that a plane leaves of v; `ahead` [m/s] is how fast material may approach a separate one without passing it."""
+        into = wp.dot(normal, v) + ahead
         if kind == stick:
             return vec3()
         if kind == separate and into >= real(0.0):
             return v
-        along = v - into * normal
-        speed = wp.length(along)
-        if into >= real(0.0) or friction == real(0.0):
-            return along
-        left = speed + friction * into
-        if left <= real(0.0):
-            return vec3()
-        return (left / speed) * along
+        along = v - wp.dot(normal, v) * normal
+        left = wp.length(along)
+        if into < real(0.0) and friction > real(0.0):
+            share = wp.max(left + friction * into, real(0.0))
+            if share == real(0.0):
+                along = vec3()
+            else:
+                along = (share / left) * along
+        return along - ahead * normal
 
     @wp.func
-    def bounce_adjoint(v: vec3, normal: vec3, kind: int, friction: real, bar: vec3):
-        """(v_bar, friction_bar) of bounce; at the kinks the derivative of the branch that bounce takes."""
+    def bounce_adjoint(v: vec3, normal: vec3, kind: int, friction: real, ahead: real, bar: vec3):
+        """(v_bar, friction_bar, ahead_bar) of bounce; at the kinks the derivative of the branch that bounce takes."""
         zero = real(0.0)
-        into = wp.dot(normal, v)
+        into = wp.dot(normal, v) + ahead
         if kind == stick:
-            return vec3(), zero
+            return vec3(), zero, zero
         if kind == separate and into >= zero:
-            return bar, zero
-        along = v - into * normal
+            return bar, zero, zero
+        along = v - wp.dot(normal, v) * normal
         speed = wp.length(along)
-        flat_bar = bar - wp.dot(normal, bar) * normal
-        if into >= zero or friction == zero:
-            slope = zero
-            if into < zero and speed > zero:
-                slope = into * wp.dot(along, bar) / speed
-            return flat_bar, slope
+        normal_bar = wp.dot(normal, bar)
+        flat_bar = bar - normal_bar * normal
+        if into >= zero or speed == zero:
+            if into < zero and friction > zero:
+                flat_bar = vec3()
+            return flat_bar, zero, -normal_bar
         left = speed + friction * into
         if left <= zero:
-            return vec3(), zero
+            return vec3(), zero, -normal_bar
         way = along / speed
         share = wp.dot(way, bar)
-        return (left / speed) * (flat_bar - share * way) + share * way + (friction * share) * normal, into * share
+        flat_bar = (left / speed) * (flat_bar - share * way) + share * way
+        return flat_bar + (friction * share) * normal, into * share, friction * share - normal_bar
 
     @wp.func
-    def after_planes(borders: Borders, simulation: int, count: int, x: vec3, slack: real, v: vec3):
-        """Velocity that the first `count` planes leave of v."""
+    def ahead_of(kind: int, near: vec4, dt: real):
+        """How fast material near a node may still approach a plane [m/s]."""
+        if kind == separate:
+            return reach(near) / (landing * dt)
+        return real(0.0)
+
+    @wp.func
+    def after_planes(lattice: Lattice, borders: Borders, count: int, x: vec3, v: vec3, nodes: wp.array(dtype=vec4), near: int):
+        """Velocity that the first `count` planes leave of v at a node at x, whose sums start at nodes[near]."""
         for plane in range(count):
-            if below(borders, plane, x, slack):
-                v = bounce(v, borders.normal[plane], borders.kind[plane], borders.friction[simulation, plane])
+            if meets(lattice, borders, plane, x, nodes[near + plane]):
+                kind = borders.kind[plane]
+                ahead = ahead_of(kind, nodes[near + plane], lattice.dt)
+                v = bounce(v, borders.normal[plane], kind, borders.friction[lattice.simulation, plane], ahead)
         return v
 
     @wp.func
-    def meet(lattice: Lattice, borders: Borders, substep: int, n: int, v: vec3):
+    def meet(lattice: Lattice, borders: Borders, substep: int, n: int, v: vec3, nodes: wp.array(dtype=vec4), near: int):
         """Velocity of node n after the handle, or after the planes in order."""
         x = place(lattice, n)
-        slack = edge * lattice.dx
-        if held(borders, lattice.simulation, substep, x, slack):
+        if held(lattice, borders, substep, x):
             return borders.motion[lattice.simulation, substep] * vec4(x[0], x[1], x[2], real(1.0))
-        return after_planes(borders, lattice.simulation, borders.normal.shape[0], x, slack, v)
+        return after_planes(lattice, borders, borders.normal.shape[0], x, v, nodes, near)
 
     @wp.func
     def meet_adjoint(
@@ -135,22 +155,30 @@ def _met(real: type) -> SimpleNamespace:
         n: int,
         free: vec3,
         bar: vec3,
+        nodes: wp.array(dtype=vec4),
+        near: int,
         borders_bar: Borders,
     ):
-        """Adjoint of the velocity `free` that node n had before; those of friction and motion are added up."""
+        """Adjoint of the velocity `free` that node n had before; those of friction and motion are added up, those of the
+        node's sums written."""
         x = place(lattice, n)
-        slack = edge * lattice.dx
-        if held(borders, lattice.simulation, substep, x, slack):
+        if held(lattice, borders, substep, x):
             wp.atomic_add(borders_bar.motion, lattice.simulation, substep, wp.outer(bar, vec4(x[0], x[1], x[2], real(1.0))))
             return vec3()
         planes = borders.normal.shape[0]
         for back in range(planes):
             plane = planes - 1 - back
-            if below(borders, plane, x, slack):
-                v = after_planes(borders, lattice.simulation, plane, x, slack, free)
-                bar, slope = bounce_adjoint(v, borders.normal[plane], borders.kind[plane], borders.friction[lattice.simulation, plane], bar)
-                if slope != real(0.0):
-                    wp.atomic_add(borders_bar.friction, lattice.simulation, plane, slope)
+            sums = nodes[near + plane]
+            if meets(lattice, borders, plane, x, sums):
+                v = after_planes(lattice, borders, plane, x, free, nodes, near)
+                kind, friction = borders.kind[plane], borders.friction[lattice.simulation, plane]
+                ahead = ahead_of(kind, sums, lattice.dt)
+                bar, friction_bar, ahead_bar = bounce_adjoint(v, borders.normal[plane], kind, friction, ahead, bar)
+                if friction_bar != real(0.0):
+                    wp.atomic_add(borders_bar.friction, lattice.simulation, plane, friction_bar)
+                if ahead > real(0.0):
+                    reach_bar = ahead_bar / (landing * lattice.dt * sums[0])
+                    borders_bar.near[(lattice.base + n) * planes + plane] = vec4(-reach(sums) * reach_bar, reach_bar, real(0.0), real(0.0))
         return bar
 
-    return SimpleNamespace(Borders=Borders, mat34=mat34, meet=meet, meet_adjoint=meet_adjoint)
+    return SimpleNamespace(Borders=Borders, mat34=mat34, meet=meet, meet_adjoint=meet_adjoint, separate=separate)

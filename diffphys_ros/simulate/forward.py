@@ -84,9 +84,12 @@ def forward(variant: Variant) -> SimpleNamespace:
         else:
             scale = drag / q[3]
             v = scale * lower(q)
-            velocity[place] = lift(meet(lattice, borders, substep, n, v), scale)
             if wp.static(bordered):
                 velocity[place + 1] = lift(v, scale)
+                for plane in range(wp.static(variant.planes)):
+                    velocity[place + 2 + plane] = borders.near[m * wp.static(variant.planes) + plane]
+                    borders.near[m * wp.static(variant.planes) + plane] = vec4()
+            velocity[place] = lift(meet(lattice, borders, substep, n, v, velocity, place + 2), scale)
 
     @wp.func
     def g2p(lane: int, lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):

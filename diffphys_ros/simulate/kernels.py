@@ -13,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from .adjoint import adjoint
+from .approach import approach
 from .common import common
 from .forward import forward
 from .lanes import sharing
@@ -36,10 +37,15 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
     """Warp functions over particle p of all: `begin` a run of substeps, `advance` to the next slot and begin from there."""
     part, t, World = forward(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
+    tell = approach(variant.real).tell if variant.planes else None
 
     @wp.func
     def begin(p: int, lane: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
-        p2g(lane, lattice, load(states, slot, p), material_of(world.materials, p), world.materials.node_force, momentum)
+        particle, material = load(states, slot, p), material_of(world.materials, p)
+        p2g(lane, lattice, particle, material, world.materials.node_force, momentum)
+        if wp.static(tell is not None):  # noqa: SIM102 (static: compiled or not)
+            if lane == 0:
+                tell(lattice, particle.x, material.volume, world.borders)
 
     @wp.func
     def advance(
@@ -64,6 +70,9 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
             check(p, world.particles, lattice, after, substep, flags)
         if not ends:
             p2g(lane, lattice, after, material, world.materials.node_force, momentum)
+            if wp.static(tell is not None):  # noqa: SIM102
+                if lane == 0:
+                    tell(lattice, after.x, material.volume, world.borders)
 
     return SimpleNamespace(begin=begin, advance=advance)
 
@@ -74,6 +83,7 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     part, t, World = adjoint(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     g2p_adjoint, p2g_adjoint = part.g2p_adjoint, part.p2g_adjoint
     load, store, material_of, put_material = t.load, t.store, t.material_of, t.put_material
+    tell_adjoint = approach(variant.real).tell_adjoint if variant.planes else None
 
     @wp.func
     def enter(
@@ -115,6 +125,8 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
         force, force_bar = world.materials.node_force, world_bar.materials.node_force
         bar, share = load(bars, 0, p), material_of(world_bar.materials, p)
         bar, share = p2g_adjoint(lane, lattice, particle, material, force, momentum_bar, bar, share, force_bar)
+        if wp.static(tell_adjoint is not None):
+            bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)
         if slot > 0:
             before = load(states, slot - 1, p)
             bar, share = g2p_adjoint(lane, lattice, before, particle, material, at, velocity, bar, share, velocity_bar)

@@ -75,7 +75,7 @@ class Replay:
         self.substeps, self.nodal, self.budget = substeps, nodal, budget
         self.scratch = Scratch(volume, grid, batch=batch, mean_mass=mean_mass, dt=dt, nodal=nodal, borders=borders, substeps=substeps)
         lanes = 1 if volume.device.type == "cpu" else lanes_for(batch * len(volume))
-        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), lanes)
+        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes, lanes)
         self.boxes = Boxes(grid, simulations=batch, period_s=period_s, like=volume)
         self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
         self.free: list[Tape] = []

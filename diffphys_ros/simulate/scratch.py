@@ -61,7 +61,8 @@ class Scratch:
     ):
         zeros, nodes = volume.new_zeros, int(np.prod(grid.size))
         sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders)}
-        self.volume, self.batch, self.real, self.pitch = volume, batch, REAL[volume.dtype], 1 + bool(borders)
+        self.volume, self.batch, self.real, self.planes = volume, batch, REAL[volume.dtype], max(1, len(borders.planes)) * bool(borders)
+        self.pitch = 2 + self.planes if borders else 1
         self.every_volume = volume.repeat(batch)
         self.inputs, self.inputs_bar = (Inputs.zeros_like(volume, batch, **sizes) for _ in range(2))
         self.state_bar = zeros(batch, len(volume), WIDTH)
@@ -77,10 +78,14 @@ class Scratch:
     def reserve(self, nodes: int) -> None:
         """Have room for so many nodes of each simulation; recorded launches of an older version are void after it grew."""
         wanted = self.batch * nodes
-        if wanted * (3 + self.pitch) <= self._grids.numel() // 4:
+        counts = [1, 1, 1, self.pitch, self.planes, self.planes]  # 4-vectors per node
+        if wanted * sum(counts) <= self._grids.numel() // 4:
             return
-        self._grids = self.volume.new_zeros(wanted * (3 + self.pitch), 4)
-        self.momentum, self.velocity_bar, self.momentum_bar, self.velocity = self._grids.split([wanted] * 3 + [self.pitch * wanted])
+        self._grids = self.volume.new_zeros(wanted * sum(counts), 4)
+        parts = self._grids.split([wanted * count for count in counts])
+        self.momentum, self.velocity_bar, self.momentum_bar, self.velocity, self.near, near_bar = parts
+        if self.planes:
+            self.world.borders.near, self.world_bar.borders.near = self.see(self.near, 4), self.see(near_bar, 4)
         self.drag_bar = self.volume.new_zeros(wanted)
         self.world_bar.drag = self.see(self.drag_bar)
         self.version += 1
@@ -91,6 +96,7 @@ class Scratch:
         self.boxes.copy_(boxes)
         self.flags.fill_(NO_FLAG)
         self.momentum.zero_()
+        self.near.zero_()
 
     def begin_backward(self, values: tuple[Tensor, ...], boxes: Tensor, next_bar: Tensor) -> None:
         """As begin_forward, for the adjoint of the states after the frame (B, P, 24)."""

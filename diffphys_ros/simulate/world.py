@@ -21,17 +21,18 @@ class Variant:
     real: type  # wp.float32 or wp.float64
     nodal: bool  # a force density on the nodes acts too
     bordered: bool  # nodes meet planes and a handle
+    planes: int  # that nodes have places for
     lanes: int  # threads that share a particle: 1, 3 or 9; one on a CPU
 
     @property
     def pitch(self) -> int:
-        """4-vectors per node of a velocity grid: borders keep the velocity before them, too."""
-        return 2 if self.bordered else 1
+        """4-vectors per node of a velocity grid: borders keep the velocity before them and sums for each plane, too."""
+        return 2 + self.planes if self.bordered else 1
 
     @property
     def label(self) -> str:
         """Name of the variant in module names."""
-        flags = "_nodal" * self.nodal + "_bordered" * self.bordered
+        flags = "_nodal" * self.nodal + f"_bordered_{self.planes}" * self.bordered
         return f"{self.law}_{self.real.__name__}_{self.lanes}{flags}"
 
 

@@ -1,0 +1,76 @@
+"""How far material still is from the planes it may leave: Warp functions over one particle, and their adjoint.
+
+A node feels a particle up to 1.5 cells away. So that a separating plane stops a body where it is, and not a cell earlier,
+every particle near the plane tells its nodes its distance: with w the spline's weight, g the distance of the particle's
+surface and c = (1 - g / size)^2 up to one particle size above, a node receives sum w c and sum w c g, and the quotient is the
+distance of the material around it. contact.py lets the node approach no faster than would cover that distance in a
+few substeps. So a body lands on the plane wherever that lies in the grid, and where it comes to rest does not depend on
+where in a substep it met the plane, nor on how high it fell from: the gradient through a landing is that of the motion.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from .common import common
+from .contact import contact
+from .transfer import stencil
+
+# Warp reads annotations as values, which mypy cannot:
+# mypy: ignore-errors
+
+
+@cache
+def approach(real: type) -> SimpleNamespace:
+    """Warp functions `tell(lattice, x, volume, borders)`, and `tell_adjoint`, which returns x_bar."""
+    t, s, c = common(real), stencil(real), contact(real, True)
+    vec3, vec4, Lattice, Borders = t.vec3, t.vec4, t.Lattice, c.Borders
+    cell, around, weight, slope, separate = t.cell, s.around, s.weight, s.slope, c.separate
+
+    @wp.func
+    def distance(borders: Borders, plane: int, x: vec3, size: real):
+        """Of a particle's surface from a plane [m]; one size where the plane does not ask."""
+        if borders.kind[plane] != separate:
+            return size
+        return wp.min(wp.dot(borders.normal[plane], x) - borders.offset[plane] - real(0.5) * size, size)
+
+    @wp.func
+    def tell(lattice: Lattice, x: vec3, volume: real, borders: Borders):
+        size = wp.cbrt(volume)
+        planes = borders.normal.shape[0]
+        for plane in range(planes):
+            g = distance(borders, plane, x, size)
+            if g < size:
+                close = (real(1.0) - g / size) * (real(1.0) - g / size)
+                st = around(lattice, cell(lattice, x))
+                for a in range(27):
+                    i, j, k = a // 9, (a // 3) % 3, a % 3
+                    w = weight(st.f[0], i) * weight(st.f[1], j) * weight(st.f[2], k) * close
+                    m = st.first + (i * st.ny + j) * st.nz + k
+                    wp.atomic_add(borders.near, m * planes + plane, vec4(w, w * g, real(0.0), real(0.0)))
+
+    @wp.func
+    def tell_adjoint(lattice: Lattice, x: vec3, volume: real, borders: Borders, borders_bar: Borders):
+        size = wp.cbrt(volume)
+        planes = borders.normal.shape[0]
+        x_bar = vec3()
+        for plane in range(planes):
+            g = distance(borders, plane, x, size)
+            if g < size:
+                close = (real(1.0) - g / size) * (real(1.0) - g / size)
+                fall = real(-2.0) * (real(1.0) - g / size) / size
+                st = around(lattice, cell(lattice, x))
+                steep, along = vec3(), real(0.0)
+                for a in range(27):
+                    i, j, k = a // 9, (a // 3) % 3, a % 3
+                    wx, wy, wz = weight(st.f[0], i), weight(st.f[1], j), weight(st.f[2], k)
+                    bar = borders_bar.near[(st.first + (i * st.ny + j) * st.nz + k) * planes + plane]
+                    both = bar[0] + g * bar[1]
+                    along = along + wx * wy * wz * (fall * both + close * bar[1])
+                    sx, sy, sz = slope(st.f[0], i), slope(st.f[1], j), slope(st.f[2], k)
+                    steep = steep + (close * both) * vec3(sx * wy * wz, wx * sy * wz, wx * wy * sz)
+                x_bar = x_bar + along * borders.normal[plane] + steep / lattice.dx
+        return x_bar
+
+    return SimpleNamespace(tell=tell, tell_adjoint=tell_adjoint)
