@@ -20,10 +20,10 @@ EDGE = 1e-3  # nodes this share of a cell outside still belong to a plane or box
 class Plane:
     """A floor or wall: material stays where normal . x >= offset_m. It acts on the nodes at and below the plane.
 
-    "sticky": these nodes stand still; "slip": they move along the plane only; "separate": they may also move away from it.
-    `friction` is Coulomb's coefficient: a node that presses against the plane loses up to friction times the normal
-    velocity it loses ("slip" and "separate"). Particles feel nodes up to 1.5 cells away, so a body that falls onto a
-    plane comes to rest about a cell above it, as in every MPM with one velocity per node; one that starts there stays.
+    "sticky": these nodes stand still; "slip": they move along the plane only; both act on all that comes within the reach
+    of such a node, up to 1.5 cells above the plane. "separate": nodes may move away from it, and what is near may come as
+    near as the plane itself (see approach.py). `friction` is Coulomb's coefficient: a node that presses against the plane
+    loses up to friction times the normal velocity it loses ("slip" and "separate").
     """
 
     normal: Sequence[float] | np.ndarray  # out of the obstacle; any length but zero, shape (3,)
