@@ -329,3 +329,25 @@ def test_stiffness_is_recovered_from_a_beam_that_a_handle_shook():
 
     seen = tip(torch.tensor(math.log(6e4), dtype=torch.float64)).detach()
     assert math.exp(solved(lambda log_young: tip(log_young) - seen, math.log(4.5e4))) == pytest.approx(6e4, rel=1e-3)
+
+
+def test_simulations_of_a_batch_have_floors_of_their_own_friction_and_handles_of_their_own_path():
+    friction = torch.tensor([[0.1], [0.4]], dtype=torch.float64, requires_grad=True)
+    poses = torch.stack([turning(3, 1.0), turning(3, -2.0)]).requires_grad_()
+    weight = torch.from_numpy(np.random.default_rng(4).normal(size=(4, 4 * 2 * 2 * 8, 3)))
+
+    def run(batch: int | None, rubbing: Tensor, path: Tensor) -> tuple[Tensor, ...]:
+        body = block((4, 2, 2), dx=DX, clamped=False, margin=4)
+        options = {"planes": [Plane((0, 0, 1), 0.0)], "handle": ROOT, "gravity": (1.0, 0, -G), "batch": batch}
+        sim = simulator(body, substeps=20, period_s=PERIOD_S, **options)
+        force = torch.zeros(3, *sim.x_rest.shape)
+        x = sim.rollout(sim.rest(), full(sim, 5e4), full(sim, 0.3), force, 0.0, friction=rubbing, handle_poses=path).x
+        loss = (x * (weight if batch is None else weight[:, None])).sum()
+        return x, *torch.autograd.grad(loss, (rubbing, path))
+
+    x, along_friction, along_path = run(2, friction, poses)
+    for k in range(2):
+        alone = run(None, friction[k].detach().requires_grad_(), poses[k].detach().requires_grad_())
+        for mine, own in zip((x[:, k], along_friction[k], along_path[k]), alone, strict=True):
+            torch.testing.assert_close(mine, own, rtol=1e-12, atol=1e-14)
+    assert not torch.equal(x[:, 0], x[:, 1])
