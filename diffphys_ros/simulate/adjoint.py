@@ -32,6 +32,7 @@ def adjoint(variant: Variant) -> SimpleNamespace:
     stress_adjoint, viscous_stress_adjoint, project_adjoint = model.stress_adjoint, model.viscous_stress_adjoint, model.project_adjoint
     vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
     cell, affine, gradient, lift, lower = t.cell, t.affine, t.gradient, t.lift, t.lower
+    get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
     Borders, meet_adjoint = contact(real, bordered).Borders, contact(real, bordered).meet_adjoint
     scatter_slope = transfer(real, lanes, scatters=True, slopes=True, pitch=pitch)
@@ -80,21 +81,21 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         """Node n of the box."""
         m = lattice.base + n
         for plane in range(wp.static(variant.planes)):
-            borders_bar.near[m * wp.static(variant.planes) + plane] = vec4()
-        b = velocity_bar[m]
+            put(borders_bar.near, m * wp.static(variant.planes) + plane, vec4())
+        b = get(velocity_bar, m)
         if b[0] == real(0.0) and b[1] == real(0.0) and b[2] == real(0.0):
-            momentum_bar[m] = vec4()
+            put(momentum_bar, m, vec4())
             return
-        velocity_bar[m] = vec4()
+        put(velocity_bar, m, vec4())
         place = at + pitch * m
-        v = velocity[place]
+        v = get(velocity, place)
         scale = v[3]
         if wp.static(bordered):  # noqa: SIM102 (static: compiled or not)
             if scale != real(0.0):
-                v = velocity[place + 1]
+                v = get(velocity, place + 1)
                 b = lift(meet_adjoint(lattice, borders, substep, n, lower(v), lower(b), velocity, place + 2, borders_bar), real(0.0))
         along = (b[0] * v[0] + b[1] * v[1] + b[2] * v[2]) / drag
-        momentum_bar[m] = vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along)
+        put(momentum_bar, m, vec4(scale * b[0], scale * b[1], scale * b[2], -scale * along))
         drag_bar[m] = drag_bar[m] + along
 
     @wp.func

@@ -15,7 +15,9 @@ from . import lanes
 def common(real: type) -> SimpleNamespace:
     """Everything below, over `real` (wp.float32 or wp.float64)."""
     vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
-    States = wp.array3d(dtype=vec4)  # of consecutive substeps, (slots, simulations x P, 6): State's 24 scalars; or an adjoint in slot 0
+    States = wp.array2d(dtype=vec4)  # of consecutive substeps, (slots, 6 B P): State's 24 scalars each; or an adjoint in slot 0
+    vectors = lanes.build(real)
+    get, put, recall, keep = vectors.get, vectors.put, vectors.recall, vectors.keep
 
     @wp.struct
     class Lattice:  # the box of the grid that one simulation runs on
@@ -90,29 +92,29 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.func
     def load(states: States, slot: int, p: int):
-        a, b, c = states[slot, p, 0], states[slot, p, 1], states[slot, p, 2]
-        d, e, f = states[slot, p, 3], states[slot, p, 4], states[slot, p, 5]
+        a, b, c = recall(states, slot, 6 * p), recall(states, slot, 6 * p + 1), recall(states, slot, 6 * p + 2)
+        d, e, f = recall(states, slot, 6 * p + 3), recall(states, slot, 6 * p + 4), recall(states, slot, 6 * p + 5)
         C = mat33(b[2], b[3], c[0], c[1], c[2], c[3], d[0], d[1], d[2])
         return Particle(vec3(a[0], a[1], a[2]), vec3(a[3], b[0], b[1]), C, mat33(d[3], e[0], e[1], e[2], e[3], f[0], f[1], f[2], f[3]))
 
     @wp.func
     def store(states: States, slot: int, p: int, s: Particle):
         C, F = s.C, s.F
-        states[slot, p, 0] = vec4(s.x[0], s.x[1], s.x[2], s.v[0])
-        states[slot, p, 1] = vec4(s.v[1], s.v[2], C[0, 0], C[0, 1])
-        states[slot, p, 2] = vec4(C[0, 2], C[1, 0], C[1, 1], C[1, 2])
-        states[slot, p, 3] = vec4(C[2, 0], C[2, 1], C[2, 2], F[0, 0])
-        states[slot, p, 4] = vec4(F[0, 1], F[0, 2], F[1, 0], F[1, 1])
-        states[slot, p, 5] = vec4(F[1, 2], F[2, 0], F[2, 1], F[2, 2])
+        keep(states, slot, 6 * p, vec4(s.x[0], s.x[1], s.x[2], s.v[0]))
+        keep(states, slot, 6 * p + 1, vec4(s.v[1], s.v[2], C[0, 0], C[0, 1]))
+        keep(states, slot, 6 * p + 2, vec4(C[0, 2], C[1, 0], C[1, 1], C[1, 2]))
+        keep(states, slot, 6 * p + 3, vec4(C[2, 0], C[2, 1], C[2, 2], F[0, 0]))
+        keep(states, slot, 6 * p + 4, vec4(F[0, 1], F[0, 2], F[1, 0], F[1, 1]))
+        keep(states, slot, 6 * p + 5, vec4(F[1, 2], F[2, 0], F[2, 1], F[2, 2]))
 
     @wp.func
     def material_of(materials: Materials, p: int):
-        return Material(materials.constants[p], materials.body[p], materials.volume[p], materials.mass[p])
+        return Material(get(materials.constants, p), materials.body[p], materials.volume[p], materials.mass[p])
 
     @wp.func
     def put_material(materials: Materials, p: int, material: Material):
-        materials.constants[p] = material.constants
+        put(materials.constants, p, material.constants)
         materials.body[p] = material.body
         materials.mass[p] = material.mass
 
-    return SimpleNamespace(**locals(), **vars(lanes.build(real)))
+    return SimpleNamespace(**(locals() | vars(vectors)))

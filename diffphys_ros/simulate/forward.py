@@ -32,6 +32,7 @@ def forward(variant: Variant) -> SimpleNamespace:
     stress, viscous_stress, project = model.stress, model.viscous_stress, model.project
     vec3, vec4, Lattice, Particle, Material, Affine = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material, t.Affine
     cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
+    get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
     Borders, meet = contact(real, bordered).Borders, contact(real, bordered).meet
     scatter, gather = transfer(real, lanes, scatters=True, loaded=variant.nodal), transfer(real, lanes, gathers=True, pitch=pitch)
@@ -74,22 +75,23 @@ def forward(variant: Variant) -> SimpleNamespace:
     ):
         """Node n of the box. What it meets at borders leaves its velocity before in the place behind."""
         m = lattice.base + n
-        q = momentum[m]
+        q = get(momentum, m)
         if q[3] == real(0.0):
             return
-        momentum[m] = vec4()
+        put(momentum, m, vec4())
         place = at + pitch * m
         if n < (lattice.clamp_index + 1) * lattice.ny * lattice.nz or q[3] <= lattice.empty_mass:
-            velocity[place] = vec4()
+            put(velocity, place, vec4())
         else:
             scale = drag / q[3]
             v = scale * lower(q)
             if wp.static(bordered):
-                velocity[place + 1] = lift(v, scale)
+                put(velocity, place + 1, lift(v, scale))
                 for plane in range(wp.static(variant.planes)):
-                    velocity[place + 2 + plane] = borders.near[m * wp.static(variant.planes) + plane]
-                    borders.near[m * wp.static(variant.planes) + plane] = vec4()
-            velocity[place] = lift(meet(lattice, borders, substep, n, v, velocity, place + 2), scale)
+                    near = m * wp.static(variant.planes) + plane
+                    put(velocity, place + 2 + plane, get(borders.near, near))
+                    put(borders.near, near, vec4())
+            put(velocity, place, lift(meet(lattice, borders, substep, n, v, velocity, place + 2), scale))
 
     @wp.func
     def g2p(lane: int, lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):

@@ -246,7 +246,7 @@ def parallel_forward(variant: Variant) -> SimpleNamespace:
 
     @of_module
     def begin(slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
-        p, lane = seat(wp.tid(), states.shape[1])
+        p, lane = seat(wp.tid(), states.shape[1] // 6)
         if p >= 0:
             begin_of(p, lane, lattice_of(world, p // world.particles), slot, world, states, momentum)
 
@@ -270,7 +270,7 @@ def parallel_forward(variant: Variant) -> SimpleNamespace:
         momentum: wp.array(dtype=t.vec4),
         flags: wp.array(dtype=wp.int64),
     ):
-        p, lane = seat(wp.tid(), states.shape[1])
+        p, lane = seat(wp.tid(), states.shape[1] // 6)
         if p >= 0:
             lattice = lattice_of(world, p // world.particles)
             substep = world.start[0] + n
@@ -298,7 +298,7 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
         world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        p, lane = seat(wp.tid(), states.shape[1])
+        p, lane = seat(wp.tid(), states.shape[1] // 6)
         if p >= 0:
             lattice = lattice_of(world, p // world.particles)
             enter_of(p, lane, lattice, slot, at, world, states, velocity, bars, world_bar, velocity_bar)
@@ -331,7 +331,7 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
         world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        p, lane = seat(wp.tid(), states.shape[1])
+        p, lane = seat(wp.tid(), states.shape[1] // 6)
         if p >= 0:
             lattice = lattice_of(world, p // world.particles)
             retreat_of(p, lane, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)

@@ -28,10 +28,33 @@ LOAD = """
 #endif
 """
 
+# A vector moves in one piece: Warp's vectors are aligned to their scalars, so that CUDA takes them apart otherwise.
+GET = """
+#if defined(__CUDA_ARCH__)
+    {quad} q = *reinterpret_cast<const {quad}*>(&{from});
+    return wp::vec_t<4, {c}>(q.x, q.y, q.z, q.w);
+#else
+    return {from};
+#endif
+"""
+
+PUT = """
+#if defined(__CUDA_ARCH__)
+    {quad} q = {{a[0], a[1], a[2], a[3]}};
+    *reinterpret_cast<{quad}*>(&{to}) = q;
+#else
+    {to} = a;
+#endif
+"""
+
+QUAD = {"float": "float4", "double": "double4"}
+OF_NODE, OF_SLOT = "nodes.data[n]", "states.data[size_t(slot) * states.shape[1] + n]"
+
+# Nothing in a kernel reads what it scatters: without a memory clobber the compiler may load the next nodes meanwhile.
 SCATTER = """
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900 && VECTOR_RED
     asm volatile("{ .reg .u64 g; cvta.to.global.u64 g, %0; red.global.add.v4.f32 [g], {%1, %2, %3, %4}; }"
-        :: "l"(&nodes.data[n]), "f"(s * a[0]), "f"(s * a[1]), "f"(s * a[2]), "f"(s * a[3]) : "memory");
+        :: "l"(&nodes.data[n]), "f"(s * a[0]), "f"(s * a[1]), "f"(s * a[2]), "f"(s * a[3]));
 #elif defined(__CUDA_ARCH__)
     wp::atomic_add(&nodes.data[n], wp::mul(s, a));
 #else
@@ -76,7 +99,7 @@ def threads(particles: int, lanes: int) -> int:
 
 
 def build(real: type) -> SimpleNamespace:
-    """Functions over scalar type `real`: scaled, madd, madd_each, gather, scatter."""
+    """Functions over scalar type `real`: scaled, madd, madd_each; get, put, scatter (on nodes); recall, keep (in slots)."""
     vec4 = wp.types.vector(4, real)
     c = "float" if real is wp.float32 else "double"
 
@@ -93,13 +116,22 @@ def build(real: type) -> SimpleNamespace:
     @wp.func_native(snippet("wp::add(a, wp::cw_mul(b, d))", "a_ + b_ * d_", "a", "b", "d"))
     def madd_each(a: vec4, b: vec4, d: vec4) -> vec4: ...
 
-    @wp.func_native("return nodes.data[n];")
-    def gather(nodes: wp.array(dtype=vec4), n: int) -> vec4: ...
+    @wp.func_native(GET.format(c=c, quad=QUAD[c], **{"from": OF_NODE}))
+    def get(nodes: wp.array(dtype=vec4), n: int) -> vec4: ...
+
+    @wp.func_native(PUT.format(quad=QUAD[c], to=OF_NODE))
+    def put(nodes: wp.array(dtype=vec4), n: int, a: vec4): ...
+
+    @wp.func_native(GET.format(c=c, quad=QUAD[c], **{"from": OF_SLOT}))
+    def recall(states: wp.array2d(dtype=vec4), slot: int, n: int) -> vec4: ...
+
+    @wp.func_native(PUT.format(quad=QUAD[c], to=OF_SLOT))
+    def keep(states: wp.array2d(dtype=vec4), slot: int, n: int, a: vec4): ...
 
     @wp.func_native(SCATTER.replace("SCALAR", c).replace("VECTOR_RED", str(int(real is wp.float32))))
     def scatter(nodes: wp.array(dtype=vec4), n: int, s: real, a: vec4): ...
 
-    return SimpleNamespace(scaled=scaled, madd=madd, madd_each=madd_each, gather=gather, scatter=scatter)
+    return SimpleNamespace(scaled=scaled, madd=madd, madd_each=madd_each, get=get, put=put, recall=recall, keep=keep, scatter=scatter)
 
 
 def sharing(real: type, lanes: int) -> SimpleNamespace:

@@ -13,6 +13,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from .box import enclosing
 from .kernels import parallel_adjoint, parallel_forward, serial_adjoint, serial_forward
 from .lanes import threads
 from .scratch import Scratch
@@ -46,6 +47,15 @@ class View:
         known = [s.states(self.states), s.see(s.momentum, 4), self._velocity(kept)]
         return [*known, s.bars, s.world_bar, s.see(s.velocity_bar, 4), s.see(s.momentum_bar, 4)]
 
+    def enclosure(self, room: int) -> list[wp.Launch]:
+        """The two launches that make the boxes."""
+        s, kernels = self.scratch, enclosing(self.variant.real, self.variant.bordered)
+        extents, flags, count = wp.from_torch(s.extents), s.see(s.flags), s.batch * len(s.volume)
+        return [
+            self.launch(kernels.reach, count, [s.world, s.states(self.states), s.frame_s, extents, flags]),
+            self.launch(kernels.settle, s.batch, [s.world, room, extents, flags]),
+        ]
+
     def launch(self, kernel: Any, dim: Any, inputs: list[Any]) -> wp.Launch:
         """A recorded launch."""
         return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True, block_dim=BLOCK)
@@ -60,8 +70,9 @@ class Program(Protocol):
 
     def __init__(self, view: View): ...
 
-    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
-        """`count` substeps from the state in slot 0; into slots 1, 2, .. with `keep`, else into 1 and 0 in turns."""
+    def run(self, count: int, *, keep: bool, stride: int, room: int, enclose: bool) -> None:
+        """`count` substeps from the state in slot 0; into slots 1, 2, .. with `keep`, else into 1 and 0 in turns. With
+        `enclose` boxes are made around that state first."""
 
     def reverse(self, count: int, *, stride: int, room: int) -> None:
         """The adjoint in scratch from after slot `count` to before slot 0."""
@@ -74,11 +85,19 @@ class Serial:
         self.view = view
         self._recorded: dict[Any, list[wp.Launch]] = {}
 
-    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
+    def run(self, count: int, *, keep: bool, stride: int, room: int, enclose: bool) -> None:
+        if enclose:
+            for command in self._enclosure(room):
+                command.launch()
         self._launch(serial_forward, self.view.forward, stride, {1: count, 2: int(keep), 3: stride})
 
     def reverse(self, count: int, *, stride: int, room: int) -> None:
         self._launch(serial_adjoint, self.view.adjoint, stride, {1: count, 2: stride})
+
+    def _enclosure(self, room: int) -> list[wp.Launch]:
+        if room not in self._recorded:
+            self._recorded[room] = self.view.enclosure(room)
+        return self._recorded[room]
 
     def _launch(self, kernel: Any, arrays: Callable[[bool], list[Any]], stride: int, numbers: dict[int, int]) -> None:
         v = self.view
@@ -112,13 +131,15 @@ class Parallel:
         self.view = view
         self._graphs: dict[Any, Any] = {}
 
-    def run(self, count: int, *, keep: bool, stride: int, room: int) -> None:
-        self._play(("run", count, keep, stride, room), lambda: self._run(count, keep, stride, room))
+    def run(self, count: int, *, keep: bool, stride: int, room: int, enclose: bool) -> None:
+        self._play(("run", count, keep, stride, room, enclose), lambda: self._run(count, keep, stride, room, enclose))
 
     def reverse(self, count: int, *, stride: int, room: int) -> None:
         self._play(("reverse", count, stride, room), lambda: self._reverse(count, stride, room))
 
-    def _run(self, count: int, keep: bool, stride: int, room: int) -> Iterable[tuple[wp.Launch, dict[int, int]]]:
+    def _run(self, count: int, keep: bool, stride: int, room: int, enclose: bool) -> Iterable[tuple[wp.Launch, dict[int, int]]]:
+        for command in self.view.enclosure(room) if enclose else ():
+            yield command, {}
         begin, grid, advance = self._forward(stride > 0, room)
         yield begin, {0: 0}
         for n in range(count):

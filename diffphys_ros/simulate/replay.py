@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 import warp as wp
 from torch import Tensor
 
 from ..types import Grid
 from .borders import Borders
-from .box import Boxes
+from .box import NO_FLAG, rest_nodes
 from .lanes import lanes_for
 from .plan import NODE_VALUES, Plan
 from .program import PROGRAMS
-from .scratch import NO_FLAG, Inputs, Scratch
+from .scratch import Inputs, Scratch
 from .state import WIDTH
 from .tape import Tape
 from .world import Variant
@@ -71,38 +71,37 @@ class Replay:
     ):
         wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # its banner and compile log are not ours to print
         wp.init()
-        dt = period_s / substeps
         self.substeps, self.nodal, self.budget = substeps, nodal, budget
-        self.scratch = Scratch(volume, grid, batch=batch, mean_mass=mean_mass, dt=dt, nodal=nodal, borders=borders, substeps=substeps)
+        self.scratch = Scratch(
+            volume, grid, batch=batch, mean_mass=mean_mass, frame_s=period_s, nodal=nodal, borders=borders, substeps=substeps
+        )
         lanes = 1 if volume.device.type == "cpu" else lanes_for(batch * len(volume))
         self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes, lanes)
-        self.boxes = Boxes(grid, simulations=batch, period_s=period_s, like=volume)
+        self.whole_nodes = math.prod(grid.size)
         self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
         self.free: list[Tape] = []
         self.lent = 0
         self.once = self._tape(1, room=0)  # for runs that keep nothing
-        still = torch.cat([x_rest, torch.zeros_like(x_rest)], -1)
-        self._make_room(self.boxes.whole_nodes if nodal else int(self.boxes.around(still[None], 0)[1]))
+        self._make_room(self.whole_nodes if nodal else rest_nodes(grid, x_rest.cpu().numpy()))
 
     def forward(self, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> tuple[Tensor, Place]:
         """States (B, P, 24) after one frame, and where it ran."""
         lease = self._lend() if keep else None
         tape = lease.tape if lease else self.once
-        boxes, wanted = (self.boxes.whole(), None) if self.nodal else self.boxes.around(data, self.room)
-        after = self._attempt(tape, boxes, self.room, data, values, keep=lease is not None)
-        flagged, nodes = self._status(wanted)
-        if flagged and nodes > self.room:
-            self._make_room(nodes)
-            boxes, wanted = self.boxes.around(data, self.room)
-            after = self._attempt(tape, boxes, self.room, data, values, keep=lease is not None)
-            flagged, _ = self._status(wanted)
         room = self.room
-        if flagged and room < self.boxes.whole_nodes:  # a particle outran its box
-            boxes, room = self.boxes.whole(), self.boxes.whole_nodes
-            after = self._attempt(tape, boxes, room, data, values, keep=lease is not None)
-            flagged, _ = self._status(None)
+        after = self._attempt(tape, room, data, values, keep=lease is not None)
+        flagged, nodes = self._status()
+        if flagged and room < nodes <= self.whole_nodes:
+            self._make_room(nodes)
+            room = self.room
+            after = self._attempt(tape, room, data, values, keep=lease is not None)
+            flagged, _ = self._status()
+        if flagged and room < self.whole_nodes:  # a particle outran its box
+            room = self.whole_nodes
+            after = self._attempt(tape, room, data, values, keep=lease is not None)
+            flagged, _ = self._status()
         self.flagged = flagged
-        return after.clone(), Place(boxes, room, lease)
+        return after.clone(), Place(self.scratch.boxes.clone(), room, lease)
 
     def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor, place: Place) -> tuple[Tensor, Inputs]:
         """Adjoint of the states (B, P, 24) before the frame, and of the inputs (overwritten by the next call)."""
@@ -123,31 +122,33 @@ class Replay:
     def first_flag(self) -> tuple[int, int, np.ndarray]:
         """Of the last frame: the first simulation that left its bounds, the code of its flag and the position [m] (3,) of the
         particle that raised it: after that substep where the states were kept, else at the frame's start."""
-        flags = self.scratch.flags.cpu()
+        flags = self.scratch.flags[:-1].cpu()
         simulation = int((flags != NO_FLAG).nonzero()[0])
         code = int(flags[simulation])
         substep, particle = divmod(code // 4, len(self.scratch.volume))
         states = self._last.tape.states[substep + 1] if self._last.kept else self._last.data
         return simulation, code, states[simulation, particle, :3].detach().cpu().numpy()
 
-    def _attempt(self, tape: Tape, boxes: Tensor, room: int, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
+    def _attempt(self, tape: Tape, room: int, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
+        """States after the frame, on boxes in so much room; on the whole grid where there is room for it."""
+        everything = room == self.whole_nodes
         self.scratch.reserve(room)
-        self.scratch.begin_forward(values, boxes)
+        self.scratch.begin_forward(values, self.scratch.whole if everything else None)
         self._last = Run(tape, data, keep)
-        return tape.run(data, 0, self.substeps, keep=keep, room=room)
+        return tape.run(data, 0, self.substeps, keep=keep, room=room, enclose=not everything)
 
-    def _status(self, wanted: Tensor | None) -> tuple[bool, int]:
+    def _status(self) -> tuple[bool, int]:
         """Whether a particle raised a flag, and the nodes that the largest box wanted, in one copy from the device."""
-        flag = self.scratch.flags.min()
-        code, nodes = torch.stack([flag, torch.zeros_like(flag) if wanted is None else wanted]).tolist()
-        if code != NO_FLAG:
+        *codes, nodes = self.scratch.flags.tolist()
+        flagged = min(codes) != NO_FLAG
+        if flagged:
             for velocity in (self._last.tape.velocity, self.scratch.velocity):
                 velocity.zero_()  # nodes without mass are not written: nothing that is not finite may stay there
-        return code != NO_FLAG, nodes
+        return flagged, nodes
 
     def _make_room(self, nodes: int) -> None:
         """Boxes lie further apart from now on; frames that ran before keep theirs."""
-        self.room = min(self.boxes.whole_nodes, int(BOX_ROOM * nodes))
+        self.room = min(self.whole_nodes, int(BOX_ROOM * nodes))
         s = self.scratch
         s.reserve(self.room)
         self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room

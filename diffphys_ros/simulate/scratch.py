@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,15 +13,15 @@ from torch import Tensor
 
 from ..types import Grid
 from .borders import Borders
+from .box import COLUMNS, NO_FLAG, NOWHERE, whole
 from .common import common
 from .contact import contact
 from .state import WIDTH
 from .world import world_of
 
 REAL = {torch.float32: wp.float32, torch.float64: wp.float64}
-NO_FLAG = 2**62
 EMPTY_SHARE = 1e-12  # nodes below this share of the mean particle mass are empty
-BOX_COLUMNS = 8
+ALIGNED = 4  # scalars: fields of the inputs start where 4-vectors may
 
 
 @dataclass
@@ -31,7 +32,7 @@ class Inputs:
     body: Tensor  # force density, gravity included [N/m^3 of rest volume], shape (B, P, 3)
     mass: Tensor  # [kg], shape (B, P)
     drag: Tensor  # share of velocity that mass damping leaves over a substep, shape (B,)
-    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (B, nodes, 3); (B, 1, 3) where there is none
+    node_force: Tensor  # force density on the nodes [N/m^3 of rest volume], shape (B, nodes, 3); no nodes where there is none
     friction: Tensor  # of each plane, shape (B, planes)
     motion: Tensor  # velocity of the nodes that the handle holds is motion (x, 1) [1/s, m/s], shape (B, substeps, 3, 4)
     handle_from_body: Tensor  # at each substep, shape (B, substeps, 3, 4); without gradient
@@ -40,38 +41,48 @@ class Inputs:
     def zeros_like(cls, volume: Tensor, batch: int, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
         count, path = len(volume), (substeps, 3, 4)
-        shapes = (count, 4), (count, 3), (count,), (), (max(loaded_nodes, 1), 3), (planes,), path, path
-        return cls(*(volume.new_zeros(batch, *shape) for shape in shapes))
+        shapes = [(batch, *s) for s in ((count, 4), (count, 3), (count,), (), (loaded_nodes, 3), (planes,), path, path)]
+        sizes = [math.prod(shape) for shape in shapes]
+        parts = volume.new_zeros(sum(_aligned(n) for n in sizes)).split([_aligned(n) for n in sizes])
+        return cls(*(part[:n].view(shape) for part, n, shape in zip(parts, sizes, shapes, strict=True)))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
         return self.constants, self.body, self.mass, self.drag, self.node_force, self.friction, self.motion, self.handle_from_body
 
-    def copy_(self, values: tuple[Tensor, ...]) -> None:
-        """Overwrite the fields in place."""
-        for mine, value in zip(self.tensors(), values, strict=True):
-            mine.copy_(value)
+    def zero_(self) -> None:
+        """All zero, in one go."""
+        flat = self.constants
+        flat.as_strided((flat.untyped_storage().nbytes() // flat.element_size(),), (1,), 0).zero_()
+
+
+def _aligned(scalars: int) -> int:
+    return -(-scalars // ALIGNED) * ALIGNED
 
 
 class Scratch:
     """Inputs, adjoints and flags of all simulations, and nodal arrays that grow with the boxes."""
 
     def __init__(
-        self, volume: Tensor, grid: Grid, *, batch: int, mean_mass: float, dt: float, nodal: bool, borders: Borders, substeps: int
+        self, volume: Tensor, grid: Grid, *, batch: int, mean_mass: float, frame_s: float, nodal: bool, borders: Borders, substeps: int
     ):
-        zeros, nodes = volume.new_zeros, int(np.prod(grid.size))
+        zeros, nodes, dt = volume.new_zeros, math.prod(grid.size), frame_s / substeps
+        self.frame_s = frame_s
         sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders)}
         self.volume, self.batch, self.real, self.planes = volume, batch, REAL[volume.dtype], max(1, len(borders.planes)) * bool(borders)
         self.pitch = 2 + self.planes if borders else 1
         self.every_volume = volume.repeat(batch)
         self.inputs, self.inputs_bar = (Inputs.zeros_like(volume, batch, **sizes) for _ in range(2))
         self.state_bar = zeros(batch, len(volume), WIDTH)
-        self.flags = torch.full((batch,), NO_FLAG, dtype=torch.int64, device=volume.device)
-        self.boxes = torch.zeros(batch, BOX_COLUMNS, dtype=torch.int32, device=volume.device)
+        self.flags = torch.full((batch + 1,), NO_FLAG, dtype=torch.int64, device=volume.device)  # and what box.settle says
+        self.boxes = torch.zeros(batch, COLUMNS, dtype=torch.int32, device=volume.device)
+        self.extents = torch.tensor(NOWHERE, dtype=torch.int32, device=volume.device).repeat(batch, 1)
+        self.whole = whole(grid, batch).to(volume.device)
+        self.taken: list[tuple[Tensor | None, int]] = [(None, 0)] * len(self.inputs.tensors())
         self.start = torch.zeros(1, dtype=torch.int32, device=volume.device)
         self.world, self.world_bar = (self._world(grid, borders, i, mean_mass=mean_mass, dt=dt) for i in (self.inputs, self.inputs_bar))
         self.bars = self.states(self.state_bar[None])
-        self.version = 0
+        self.version, self._start = 0, 0
         self._grids = zeros(0, 0)
         self.reserve(1)
 
@@ -90,20 +101,45 @@ class Scratch:
         self.world_bar.drag = self.see(self.drag_bar)
         self.version += 1
 
-    def begin_forward(self, values: tuple[Tensor, ...], boxes: Tensor) -> None:
-        """Take a frame's inputs; forget what an interrupted or diverged run left behind."""
-        self.inputs.copy_(values)
-        self.boxes.copy_(boxes)
-        self.flags.fill_(NO_FLAG)
+    def begin_forward(self, values: tuple[Tensor, ...], boxes: Tensor | None) -> None:
+        """Take a frame's inputs, and its boxes where they are known; forget what an interrupted or diverged run left behind."""
+        self._take(values)
         self.momentum.zero_()
         self.near.zero_()
+        if boxes is not None:
+            self.boxes.copy_(boxes)
+            self.flags.fill_(NO_FLAG)
 
     def begin_backward(self, values: tuple[Tensor, ...], boxes: Tensor, next_bar: Tensor) -> None:
         """As begin_forward, for the adjoint of the states after the frame (B, P, 24)."""
-        self.begin_forward(values, boxes)
+        self._take(values)
+        self.boxes.copy_(boxes)
         self.state_bar.copy_(next_bar)
-        for bar in (self.velocity_bar, self.momentum_bar, self.drag_bar, *self.inputs_bar.tensors()):
-            bar.zero_()
+        self._grids[: 2 * len(self.momentum)].zero_()  # momentum and velocity_bar; nothing reads the rest before writing it
+        for grid in (self.near, self.drag_bar):
+            grid.zero_()
+        self.inputs_bar.zero_()
+
+    def begin_at(self, substep: int) -> None:
+        """The next run or reversal starts at this substep of the frame."""
+        if substep != self._start:
+            self._start = substep
+            self.start.fill_(substep)
+
+    def _take(self, values: tuple[Tensor, ...]) -> None:
+        """Copy the inputs that differ from the last ones. Those that torch did not compute are copied anyhow: their
+        owner may write to their memory."""
+        for index, (mine, value) in enumerate(zip(self.inputs.tensors(), values, strict=True)):
+            computed = value.grad_fn is not None
+            if value.numel() and not (computed and self._is(index, value)):
+                mine.copy_(value)
+                self.taken[index] = value.detach() if computed else None, value._version if computed else 0
+
+    def _is(self, index: int, value: Tensor) -> bool:
+        """Whether a value is what was last taken; memory that is held cannot have become another tensor's."""
+        last, version = self.taken[index]
+        same = last is not None and last.data_ptr() == value.data_ptr() and last.stride() == value.stride()
+        return same and value._version == version
 
     def end_backward(self, room: int) -> Inputs:
         """Adjoints of the frame's inputs, which ran on boxes `room` nodes apart."""
@@ -116,7 +152,7 @@ class Scratch:
 
     def states(self, data: Tensor) -> Any:
         """Warp's view of states (slots, B, P, 24)."""
-        return wp.from_torch(data.view(len(data), -1, WIDTH // 4, 4), dtype=common(self.real).vec4)
+        return wp.from_torch(data.view(len(data), -1, 4), dtype=common(self.real).vec4)
 
     def see(self, tensor: Tensor, length: int = 0) -> Any:
         """Warp view of all scalars of a tensor, or of its vectors of a length."""

@@ -20,17 +20,18 @@ class Tape:
         self.velocity = zeros(length * batch * room * variant.pitch, 4)
         self.program = program(View(scratch, self.states, self.velocity, variant))
 
-    def run(self, data: Tensor, start: int, stop: int, *, keep: bool, room: int) -> Tensor:
+    def run(self, data: Tensor, start: int, stop: int, *, keep: bool, room: int, enclose: bool = False) -> Tensor:
         """States (B, P, 24) after substeps start .. stop - 1 from `data`; a view, which the next run overwrites. With `keep`
-        every state stays, and the velocities where boxes lie `room` nodes apart as here: what `reverse` needs."""
+        every state stays, and the velocities where boxes lie `room` nodes apart as here: what `reverse` needs. With
+        `enclose` the boxes are first made."""
         self.states[0].copy_(data)
-        self.scratch.start.fill_(start)
-        self.program.run(stop - start, keep=keep, stride=self._stride(room) if keep else 0, room=room)
+        self.scratch.begin_at(start)
+        self.program.run(stop - start, keep=keep, stride=self._stride(room) if keep else 0, room=room, enclose=enclose)
         return self.states[stop - start if keep else (stop - start) % 2]
 
     def reverse(self, start: int, stop: int, *, room: int) -> None:
         """Take the adjoint in scratch from after the kept substep `stop` - 1 to before `start`, the first that was kept."""
-        self.scratch.start.fill_(start)
+        self.scratch.begin_at(start)
         self.program.reverse(stop - start, stride=self._stride(room), room=room)
 
     def _stride(self, room: int) -> int:

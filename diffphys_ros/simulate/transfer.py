@@ -88,7 +88,7 @@ def transfer(
     t, s, share = common(real), stencil(real), sharing(real, lanes).share
     vec3, vec4, Affine, Stencil, Load = t.vec3, t.vec4, t.Affine, s.Stencil, s.Load
     weight, slope_of, scaled, madd, madd_each = s.weight, s.slope, t.scaled, t.madd, t.madd_each
-    gather, scatter, lift, lower = t.gather, t.scatter, t.lift, t.lower
+    get, scatter, lift, lower = t.get, t.scatter, t.lift, t.lower
     reads, rows, columns = gathers or slopes, 1 if lanes == 9 else 3, 3 if lanes == 1 else 1
 
     @wp.func
@@ -127,9 +127,9 @@ def transfer(
                     h1 = h1 + lift(load.factor * load.force[n + 1], real(0.0))
                     h2 = h2 + lift(load.factor * load.force[n + 2], real(0.0))
                 if wp.static(reads):
-                    v0 = gather(nodes, at + pitch * n)
-                    v1 = gather(nodes, at + pitch * (n + 1))
-                    v2 = gather(nodes, at + pitch * (n + 2))
+                    v0 = get(nodes, at + pitch * n)
+                    v1 = get(nodes, at + pitch * (n + 1))
+                    v2 = get(nodes, at + pitch * (n + 2))
                 if wp.static(scatters):
                     scatter(into, n, w * wz0, h0)
                     scatter(into, n + 1, w * wz1, h1)

@@ -40,7 +40,8 @@ class _Frame(torch.autograd.Function):
     def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
         data, *values = ctx.saved_tensors
         data_bar, inputs_bar = ctx.replay.backward(data, tuple(values), grad_outputs[0], ctx.place)
-        return None, data_bar, *(bar.clone() for bar in inputs_bar.tensors())
+        bars = zip(inputs_bar.tensors(), ctx.needs_input_grad[2:], strict=True)
+        return None, data_bar, *(bar.clone() if needed else None for bar, needed in bars)
 
 
 def _check_name(kind: str, value: str, known: Iterable[str]) -> None:
@@ -108,6 +109,13 @@ class Simulator:
         self._check_reach()
         self.law, self.law_parameters = LAWS[law], constants.checked(law, LAWS[law], law_parameters or {})
         self._check_viscosity()
+        self._weight, self._mass = (
+            self._each(self.density[:, None] * self.gravity, len(self.volume), 3),
+            self._each(self.density * self.volume, len(self.volume)),
+        )
+        self._no_force = self.volume.new_zeros(0, 3)
+        none = self.volume.new_zeros(self.batch, 0, 3, 4)
+        self._no_borders = none[..., 0, 0], none, none
         self.nodal = force_on != "particles"
         self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
         self.borders = Borders(tuple(planes), handle)
@@ -226,11 +234,15 @@ class Simulator:
         """Memory of the simulator itself once gradients were asked for [bytes]; a rollout adds 96 B x particles x frames."""
         return self.replay.bytes()
 
-    def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Constants of the law (B, P, 4) and density [kg/m^3] (B, P)."""
+    def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """Constants of the law (B, P, 4), weight density [N/m^3] (B, P, 3) and mass [kg] (B, P)."""
         every = self._each(self.volume, len(self.volume))
         of_law = constants.stacked(self.law, young, poisson, self.law_parameters, every)
-        return of_law, self.tensor(self.density if density is None else density).expand_as(every)
+        weight, mass = self._weight, self._mass
+        if density is not None:
+            density = self.tensor(density).expand_as(every)
+            weight, mass = density[..., None] * self.gravity, density * self.volume
+        return of_law, weight, mass
 
     def _each(self, value: Tensor, *shape: int) -> Tensor:
         """A value for every simulation, shape (B, *shape)."""
@@ -238,7 +250,8 @@ class Simulator:
 
     def _drag(self, mass_damping: Tensor | float) -> Tensor:
         """Share of velocity that mass damping leaves after one substep, shape (B,)."""
-        alpha = torch.as_tensor(mass_damping, **self.options)
+        alpha = mass_damping if isinstance(mass_damping, Tensor) else torch.full((), mass_damping, **self.options)
+        alpha = alpha.to(**self.options)
         return self._each(torch.exp(-alpha * (self.period_s / self.substeps)))
 
     def _paths(self, poses: Tensor | None, frames: int) -> Sequence[Tensor | None]:
@@ -254,8 +267,7 @@ class Simulator:
     def _borders(self, friction: Tensor | None, path: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """What of the borders may change from frame to frame: Inputs.friction, motion and handle_from_body."""
         if not self.borders:
-            none = self.volume.new_zeros(self.batch, 0)
-            return none, none[..., None, None].expand(self.batch, 0, 3, 4), none[..., None, None].expand(self.batch, 0, 3, 4)
+            return self._no_borders
         handle = self.borders.handle
         if path is not None and (handle is None or path.shape[-3:] != (self.substeps + 1, 4, 4)):
             raise InputError(
@@ -272,21 +284,21 @@ class Simulator:
     def _step(
         self,
         state: State,
-        material: tuple[Tensor, Tensor],
+        material: tuple[Tensor, Tensor, Tensor],
         force: Tensor | None,
         drag: Tensor,
         borders: tuple[Tensor, Tensor, Tensor],
         number: int,
     ) -> State:
-        of_law, density = material
-        body, node_force = density[..., None] * self.gravity, self.volume.new_zeros(1, 3)
+        of_law, body, mass = material
+        node_force = self._no_force
         if force is not None and self.nodal:
             node_force = (self.force_lattice.on_nodes(force) if self.force_lattice else force).flatten(-4, -2)
         elif force is not None:
             body = body + force
         elif self.nodal:
-            node_force = node_force.expand(math.prod(self.grid.size), 3)
-        loads = self._each(body, *self.x_rest.shape), density * self.volume, drag, self._each(node_force, *node_force.shape[-2:])
+            node_force = node_force.new_zeros(1, 3).expand(math.prod(self.grid.size), 3)
+        loads = self._each(body, *self.x_rest.shape), mass, drag, self._each(node_force, *node_force.shape[-2:])
         data = state.data if self._lead else state.data[None]
         after = _Frame.apply(self.replay, data.contiguous(), of_law, *loads, *borders)
         if self.replay.flagged:

@@ -33,4 +33,9 @@ def stacked(law: Law, young: Tensor, poisson: Tensor, given: Given, like: Tensor
     lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     own = [given.get(p.name, p.default) for p in law.parameters]
     values = [mu, lam, *own, *[0.0] * (CONSTANTS - 2 - len(own))]
-    return torch.stack([torch.as_tensor(v).to(like).expand_as(like) for v in values], -1)
+    return torch.stack([_number(v, like).expand_as(like) for v in values], -1)
+
+
+def _number(value: float | np.ndarray | Tensor, like: Tensor) -> Tensor:
+    """A tensor of `like`'s type; a plain number without a copy between devices."""
+    return like.new_full((), value) if isinstance(value, float) else torch.as_tensor(value).to(like)
