@@ -63,9 +63,11 @@ def _met(real: type) -> SimpleNamespace:
 
     @wp.func
     def meets(lattice: Lattice, borders: Borders, plane: int, x: vec3, near: vec4):
-        """Whether a node at x lies at or below a plane, and material near it where the plane lets go."""
-        below = wp.dot(borders.normal[plane], x) <= borders.offset[plane] + edge * lattice.dx
-        return below and (borders.kind[plane] != separate or near[0] > real(0.0))
+        """Whether a node at x lies at or below a plane; or where the plane lets go: not far above it, and material near it."""
+        above = (wp.dot(borders.normal[plane], x) - borders.offset[plane]) / lattice.dx
+        if borders.kind[plane] == separate:
+            return above <= real(0.5) and near[0] > real(0.0)
+        return above <= edge
 
     @wp.func
     def held(lattice: Lattice, borders: Borders, substep: int, x: vec3):
