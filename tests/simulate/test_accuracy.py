@@ -7,10 +7,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.bars import Bar, apparent_by_kind, fitted, plain, static_ratio, timoshenko_mode, timoshenko_ratio, wave_speed_ratio
-
-SLIM = Bar(width=0.06, poisson=0.0)  # without Poisson's effect a clamp is what beam theory takes it for
-WIDE = Bar()
+from benchmarks.bars import (
+    SLIM,
+    WIDE,
+    Bar,
+    apparent_by_kind,
+    fitted,
+    plain,
+    static_ratio,
+    timoshenko_mode,
+    timoshenko_ratio,
+    wave_speed_ratio,
+)
 
 
 @pytest.fixture(scope="module")
