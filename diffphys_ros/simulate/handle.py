@@ -37,7 +37,7 @@ def node_motion(poses: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     that x + dt v(x) is the rigid motion itself (v + omega x r to first order; held material neither drifts nor
     strains), and handle_from_body (K, ..., 3, 4), which says what is held and carries no gradient."""
     poses = poses.double()
-    there = torch.linalg.inv(poses[:-1])  # not the transpose: poses in single precision must not make what stands still creep
+    there, _ = torch.linalg.inv_ex(poses[:-1])  # not the transpose: a rounded pose must not make what stands still creep
     step = poses[1:] @ there - torch.eye(4, dtype=torch.float64, device=poses.device)
     return step[..., :3, :] / dt, there[..., :3, :].detach()
 

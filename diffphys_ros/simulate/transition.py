@@ -114,11 +114,10 @@ class Simulator:
             self._each(self.density * self.volume, len(self.volume)),
         )
         self._no_force = self.volume.new_zeros(0, 3)
-        none = self.volume.new_zeros(self.batch, 0, 3, 4)
-        self._no_borders = none[..., 0, 0], none, none
         self.nodal = force_on != "particles"
         self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
         self.borders = Borders(tuple(planes), handle)
+        self._standing = self._stand()
         self.replay = Replay(
             self.x_rest,
             self.volume,
@@ -266,20 +265,35 @@ class Simulator:
 
     def _borders(self, friction: Tensor | None, path: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """What of the borders may change from frame to frame: Inputs.friction, motion and handle_from_body."""
+        rubbing, motion, there = self._standing
+        planes = len(self.borders.planes)
+        if friction is not None:
+            if friction.ndim == 0 or friction.shape[-1] != planes:
+                raise InputError(f"friction has shape {tuple(friction.shape)} for {planes} planes; give one coefficient a plane")
+            rubbing = self._each(self.tensor(friction), planes)
+        if path is not None:
+            if self.borders.handle is None or path.shape[-3:] != (self.substeps + 1, 4, 4):
+                raise InputError(
+                    f"handle_path has shape {tuple(path.shape)} for {self.substeps} substeps; give the simulator a handle and one pose at each of their {self.substeps + 1} boundaries"
+                )
+            motion, there = self._motion(path)
+        return rubbing, motion, there
+
+    def _stand(self) -> tuple[Tensor, Tensor, Tensor]:
+        """The same while the handle stands and planes rub as they were given; empty without borders."""
+        rubbing = self._each(self.tensor(np.array([plane.friction for plane in self.borders.planes])), len(self.borders.planes))
         if not self.borders:
-            return self._no_borders
-        handle = self.borders.handle
-        if path is not None and (handle is None or path.shape[-3:] != (self.substeps + 1, 4, 4)):
-            raise InputError(
-                f"handle_path has shape {tuple(path.shape)} for {self.substeps} substeps; give the simulator a handle and one pose at each of their {self.substeps + 1} boundaries"
-            )
-        if path is None:
-            pose = torch.as_tensor(handle.pose if handle else np.eye(4), dtype=torch.float64, device=self.volume.device)
-            path = pose.expand(self.substeps + 1, 4, 4)
-        rubbing = np.array([plane.friction for plane in self.borders.planes]) if friction is None else friction
+            none = self.volume.new_zeros(self.batch, 0, 3, 4)
+            return rubbing, none, none
+        pose = np.eye(4) if self.borders.handle is None else self.borders.handle.pose
+        standing = torch.as_tensor(pose, dtype=torch.float64, device=self.volume.device).expand(self.substeps + 1, 4, 4)
+        return rubbing, *self._motion(standing)
+
+    def _motion(self, path: Tensor) -> tuple[Tensor, Tensor]:
+        """Inputs.motion and handle_from_body of a handle along a path (substeps + 1, 4, 4), in a batch also (B, ..)."""
         own = path.expand(self.batch, self.substeps + 1, 4, 4).movedim(0, 1)
         motion, there = (self.tensor(a.movedim(1, 0)) for a in node_motion(own, self.period_s / self.substeps))
-        return self._each(self.tensor(rubbing), len(self.borders.planes)), motion, there
+        return motion, there
 
     def _step(
         self,

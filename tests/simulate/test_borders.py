@@ -286,13 +286,16 @@ def test_one_launch_a_frame_and_one_launch_a_kernel_give_the_same_at_borders(bud
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
 
 
-def test_a_handles_path_needs_a_handle_and_a_pose_for_every_frame():
-    sim = simulator(block((3, 2, 2), dx=DX), substeps=5, period_s=PERIOD_S, planes=[Plane((0, 0, 1), 0.0)])
+def test_paths_and_frictions_need_handles_and_planes():
+    body = block((3, 2, 2), dx=DX)
+    plain = simulator(body, substeps=5, period_s=PERIOD_S)
+    held = simulator(body, substeps=5, period_s=PERIOD_S, handle=ROOT)
     with pytest.raises(InputError, match="give the simulator a handle"):
-        roll(sim, 2, handle_poses=turning(2, 1.0))
-    held = simulator(block((3, 2, 2), dx=DX), substeps=5, period_s=PERIOD_S, handle=ROOT)
+        roll(plain, 2, handle_poses=turning(2, 1.0))
     with pytest.raises(InputError, match="give one pose a frame"):
         roll(held, 3, handle_poses=turning(2, 1.0))
+    with pytest.raises(InputError, match="for 0 planes; give one coefficient a plane"):
+        roll(held, 2, friction=torch.tensor([0.3]))
 
 
 def solved(function, guess: float, *, steps: int = 6) -> float:
