@@ -73,6 +73,8 @@ class Segment:
     """Object mask and part labels."""
 
     method: str = setting("auto", "object mask in frame 0; auto: given where first_mask is set, else motion", choices=("auto", "given", "motion", "otsu"))
+    box_px: list[float] | None = setting(None, "box around the object in frame 0: left top right bottom", unit="px", length=4)
+    point_px: list[float] | None = setting(None, "point on the object in frame 0: u v", unit="px", length=2)
     max_parts: int = setting(3, "most parts that colour may split the object into", low=1, high=8)
 
 
@@ -91,6 +93,21 @@ class ParticleSettings:
 
     cells: int = setting(0, "grid cells over the thickness; 0: chosen to end inside fit.time_budget_s", low=0, high=32)
     per_cell: float = setting(0.0, "particles per cell and axis; 0: chosen", low=0.0, high=4.0)
+
+
+@dataclass(frozen=True)
+class PriorSettings:
+    """What is believed of the material before the motion is looked at."""
+
+    source: str = setting("none", "density, Poisson's ratio and, where the clip has no free tail, Young's modulus by: a YAML file, named materials, a vision-language model", choices=("none", "file", "database", "model"))
+    file: str | None = setting(None, "YAML file of materials for source file", path=True)
+    materials: list[str] | None = setting(None, "materials of the database, one or one per part, for source database and where a model does not answer")
+    base_url: str | None = setting(None, "OpenAI-compatible endpoint of the model, such as https://api.openai.com/v1; it is sent frame 0 of the object")
+    model: str | None = setting(None, "name of a model of that endpoint which reads images")
+    api_key_env: str = setting("OPENAI_API_KEY", "environment variable that holds the endpoint's key; none is sent where it is not set")
+    timeout_s: float = setting(60.0, "longest time for one answer of the model", unit="s", low=0.1, high=3600.0)
+    attempts: int = setting(3, "most requests to the model, counting those that tell it what was wrong with its answer", low=1, high=10)
+    cache: str | None = setting(None, "folder of the model's earlier answers; ~/.cache/diffphys_ros/prior where not given", path=True)
 
 
 @dataclass(frozen=True)
@@ -155,6 +172,7 @@ class Settings:
     segment: Segment = field(default_factory=Segment)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     particles: ParticleSettings = field(default_factory=ParticleSettings)
+    prior: PriorSettings = field(default_factory=PriorSettings)
     modes: Modes = field(default_factory=Modes)
     splats: SplatSettings = field(default_factory=SplatSettings)
     fit: Fit = field(default_factory=Fit)

@@ -1,0 +1,49 @@
+"""Answers of a model on disk, by the content of what was asked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .endpoint import Message
+
+
+def default_folder() -> Path:
+    """$XDG_CACHE_HOME/diffphys_ros/prior, in ~/.cache where that is not set."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "diffphys_ros" / "prior"
+
+
+@dataclass(frozen=True)
+class Cache:
+    """One file per question. A folder that cannot be read or written only costs asking again."""
+
+    folder: Path
+
+    def get(self, key: str) -> str | None:
+        """The stored answer, if there is a readable one."""
+        try:
+            answer = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))["answer"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return answer if isinstance(answer, str) else None
+
+    def put(self, key: str, answer: str) -> None:
+        """Store an answer, whole or not at all."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=self.folder, suffix=".part")
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                json.dump({"answer": answer}, file)
+            os.replace(name, self.folder / f"{key}.json")
+        except OSError:
+            return
+
+
+def key_of(base_url: str, model: str, messages: Sequence[Message]) -> str:
+    """SHA-256 of everything that the answer depends on: endpoint, model, words and images."""
+    return hashlib.sha256(json.dumps([base_url, model, list(messages)], sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,75 @@
+"""Records by a vision-language model: asked, checked, asked again with the error, remembered (paper section 3.2, appendix C)."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..config import PriorSettings
+from ..errors import InputError
+from .cache import Cache, default_folder, key_of
+from .endpoint import Endpoint, EndpointError, Message
+from .prompt import again, question, records_of
+from .records import Record
+
+FIRST_WAIT_S = 1.0  # before the second try after a passing failure; doubled each time
+
+
+class NoAnswerError(RuntimeError):
+    """The model gave nothing that can be used; the message says why in a clause."""
+
+
+def endpoint_of(settings: PriorSettings) -> Endpoint:
+    """The endpoint that the settings name, with the key of its environment variable. Raises InputError."""
+    for name, value in (("prior.base_url", settings.base_url), ("prior.model", settings.model)):
+        if not value:
+            raise InputError(f"{name} is not set, prior.source model needs it; name an OpenAI-compatible endpoint and one of its models")
+    assert settings.base_url is not None
+    assert settings.model is not None
+    return Endpoint(settings.base_url, settings.model, settings.timeout_s, os.environ.get(settings.api_key_env, "").strip())
+
+
+def ask(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings, *, wait: Callable[[float], None] = time.sleep) -> list[Record]:
+    """Records of frame 0 (H, W, 3) uint8 RGB with its label image (H, W), from the cache where the same was asked before.
+
+    Raises InputError for settings that name no endpoint, NoAnswerError where `prior.attempts` requests gave nothing usable.
+    """
+    endpoint, parts = endpoint_of(settings), int(labels[labels < 255].max(initial=0))
+    messages = question(frame, labels)
+    cache, key = Cache(Path(settings.cache) if settings.cache else default_folder()), key_of(endpoint.base_url, endpoint.model, messages)
+    remembered = _usable(cache.get(key), parts)
+    if remembered is not None:
+        return remembered
+    answer, records = _asked(endpoint, messages, parts, settings.attempts, wait)
+    cache.put(key, answer)
+    return records
+
+
+def _usable(answer: str | None, parts: int) -> list[Record] | None:
+    try:
+        return None if answer is None else records_of(answer, parts=parts)
+    except InputError:
+        return None
+
+
+def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: int, wait: Callable[[float], None]) -> tuple[str, list[Record]]:
+    """The first answer that keeps the contract, and its records."""
+    talk, why, pause = list(messages), "", FIRST_WAIT_S
+    for attempt in range(attempts):
+        try:
+            answer = endpoint.ask(talk)
+            return answer, records_of(answer, parts=parts)
+        except InputError as error:
+            why, talk = f"its answer breaks the contract: {error}", [*messages, *again(answer, str(error))]
+        except EndpointError as error:
+            why = str(error)
+            if not error.passing:
+                break
+            if attempt + 1 < attempts:
+                wait(pause)
+                pause *= 2
+    raise NoAnswerError(why)

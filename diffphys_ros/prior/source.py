@@ -1,0 +1,73 @@
+"""Where the prior comes from: one callable per word of prior.source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..types import IGNORE, Clip, MaterialPrior
+from .database import UNKNOWN, find, materials
+from .model import NoAnswerError, ask
+from .records import Record, of_material
+from .region import spread
+from .written import read_records
+
+Source = Callable[[np.ndarray, np.ndarray, Settings], MaterialPrior]
+
+
+def from_file(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> MaterialPrior:
+    """What a person wrote into prior.file. Raises InputError."""
+    path = settings.prior.file
+    if path is None:
+        raise InputError("prior.file is not set, prior.source file needs it; give the path of a YAML file with 'parts:'")
+    return spread(read_records(path, parts=_parts(labels)), labels, source="a person's file of materials")
+
+
+def from_database(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> MaterialPrior:
+    """The database's typical values for the names in prior.materials. Raises InputError."""
+    names, parts = settings.prior.materials, _parts(labels)
+    if names is None:
+        raise InputError(f"prior.materials is not set, prior.source database needs it; name one material, or one per part, such as {', '.join(list(materials())[:5])}")
+    if len(names) not in (1, parts):
+        raise InputError(f"prior.materials has {len(names)} names, must be 1 or {parts} (one per part found); correct the list or segment.max_parts")
+    return spread(_of_names(names), labels, source="the material database")
+
+
+def from_model(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> MaterialPrior:
+    """What a vision-language model sees in frame 0; the database where it gives nothing usable, with a note that says so."""
+    try:
+        records = ask(frame, labels, settings.prior)
+    except NoAnswerError as error:
+        names = settings.prior.materials or [UNKNOWN]
+        note = f"prior: the model {settings.prior.model} was of no help ({error}), so the database's values for {', '.join(names)} were taken"
+        fallback = _of_names(names if len(names) in (1, _parts(labels)) else names[:1])
+        return spread(fallback, labels, source="the material database, for want of the model's answer", notes=(note,))
+    return spread(records, labels, source=f"the vision-language model {settings.prior.model}")
+
+
+SOURCES: dict[str, Source] = {"file": from_file, "database": from_database, "model": from_model}
+
+
+def material_prior(clip: Clip, settings: Settings) -> MaterialPrior | None:
+    """What is believed of the object's material, by `prior.source`; None for the source none.
+
+    Needs `clip.labels`. Raises InputError for settings, a file or names that cannot be used; a model that cannot be reached or
+    answers nonsense is no error: the database steps in and a note says so.
+    """
+    if settings.prior.source == "none":
+        return None
+    if clip.labels is None:
+        raise ValueError("material_prior needs clip.labels; run segment.label_clip first")
+    return SOURCES[settings.prior.source](clip.frames[0], clip.labels[0], settings)
+
+
+def _of_names(names: list[str]) -> list[Record]:
+    found = [find(name, "prior.materials") for name in names]
+    return [of_material(entry, part=i + 1 if len(found) > 1 else None) for i, entry in enumerate(found)]
+
+
+def _parts(labels: np.ndarray) -> int:
+    return int(labels[labels != IGNORE].max(initial=1))
