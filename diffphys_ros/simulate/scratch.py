@@ -163,7 +163,8 @@ class Scratch:
     def _world(self, grid: Grid, borders: Borders, i: Inputs, *, mean_mass: float, dt: float) -> Any:
         w = world_of(self.real, bool(borders)).World()
         w.grid.origin, w.grid.dx, w.grid.dt, w.grid.affine = common(self.real).vec3(*grid.origin), grid.dx, dt, 4.0 / grid.dx**2
-        w.grid.empty_mass = EMPTY_SHARE * mean_mass
+        w.grid.nx, w.grid.ny, w.grid.nz = grid.size
+        w.grid.clamp_index, w.grid.empty_mass = grid.clamp_index, EMPTY_SHARE * mean_mass
         w.boxes, w.particles, w.start = wp.from_torch(self.boxes), len(self.volume), self.see(self.start)
         w.materials, w.borders, w.drag = self._materials(i), self._borders(borders, i), self.see(i.drag)
         return w

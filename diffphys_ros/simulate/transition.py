@@ -134,7 +134,7 @@ class Simulator:
 
     def tensor(self, values: np.ndarray | Tensor | Sequence[float] | float) -> Tensor:
         """Values in the simulator's scalar type, on its device."""
-        return torch.as_tensor(values).to(**self.options).contiguous()
+        return torch.as_tensor(values, **self.options).contiguous()
 
     def rest(self, *, x: Tensor | None = None, v: Tensor | None = None, C: Tensor | None = None, F: Tensor | None = None) -> State:
         """The body at rest and free of stress, with some of its parts exchanged; shapes as in State."""

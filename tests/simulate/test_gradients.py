@@ -89,7 +89,7 @@ def relative_error(given: Case, name: str) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("substeps", [1, 100])
+@pytest.mark.parametrize("substeps", [1, 100, 1000])
 def test_the_gradient_of_a_frame_equals_central_differences(substeps, name):
     assert relative_error(case(substeps), name) < 1e-5
 
@@ -158,6 +158,18 @@ def test_a_body_that_outruns_its_box_is_simulated_on_the_whole_grid():
     (_, still, slope), (sim, moved, fast_slope) = states
     assert (moved.x - still.x).abs().min() > 2 * sim.grid.dx
     torch.testing.assert_close(fast_slope, slope, rtol=1e-6, atol=0)  # a rigid push: linear in the force
+
+
+def test_a_frame_runs_on_the_nodes_that_its_particles_can_reach():
+    body = block((3, 2, 2), dx=0.02, clamped=False, margin=12)
+    sim = simulator(body, substeps=60, period_s=1 / 30)
+    state = sim.rest(v=sim.tensor([1.0, 0.0, -0.5]).expand(len(sim.volume), 3))
+    sim.frame(state, torch.full_like(sim.volume, 1e5), sim.tensor(0.3), None, 0.0)
+    low, size = sim.replay.scratch.boxes[0, :3].numpy(), sim.replay.scratch.boxes[0, 3:6].numpy()
+    first, last = (np.floor((end - sim.grid.origin) / sim.grid.dx - 0.5) for end in (body[0].x_rest.min(0), body[0].x_rest.max(0)))
+    reach = np.array([3, 1, 2])  # cells: a frame's way of 1.7, 0 and 0.8 cells, rounded up, and one more
+    np.testing.assert_array_equal(low, first - reach)
+    np.testing.assert_array_equal(low + size - 1, last + reach + 2)
 
 
 def test_gradients_reach_the_first_frame_through_a_rollout():
