@@ -40,7 +40,7 @@ class Scene:
 
     mass_kg: float | None = setting(None, "mass of the object", unit="kg", low=1e-6, high=1e5)
     density_kg_m3: list[float] | None = setting(None, "density, one value or one per part", unit="kg/m^3", low=1.0, high=3e4)
-    poisson_ratio: list[float] = setting([0.3], "Poisson's ratio, one value or one per part", low=0.0, high=0.49)
+    poisson_ratio: list[float] | None = setting(None, "Poisson's ratio, one value or one per part; the prior's where not given, else 0.3", low=0.0, high=0.49)
     thickness_m: float | None = setting(None, "largest extent along thickness_axis", unit="m", low=1e-4, high=10.0)
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)

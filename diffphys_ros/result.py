@@ -17,7 +17,7 @@ import numpy as np
 
 from . import config, store
 from .errors import InputError
-from .types import Body, Camera, Clip, Grid, Recovery, StartValues, Tracks
+from .types import Body, Camera, Clip, Grid, MaterialPrior, Recovery, StartValues, Tracks
 
 if TYPE_CHECKING:
     from .recover.prepare import Prepared
@@ -123,7 +123,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.model import ModalModel
     from .recover.prepare import Prepared
 
-    found = store.load(path, (Prepared, ModalModel, Camera, Clip, Tracks, Body, StartValues))
+    found = store.load(path, (Prepared, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
     if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     return found

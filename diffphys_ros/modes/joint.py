@@ -26,6 +26,7 @@ REFIT, REFIT_MAGNITUDE, REFIT_SMOOTH = 12, 0.01, 0.03  # iterations and penaltie
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 LEAST_FREE = 8  # frames without a force below which the answer is the penalty's, not the clip's
+LOG_YOUNG = 2e-3  # misfit that one standard deviation of a believed log E is worth
 DAMPING_UNITS = (0.5, 5e-4)  # alpha [1/s], beta [s]
 
 
@@ -41,6 +42,7 @@ class _Problem:
     force_unit: float  # [N/m^3]
     period_s: float
     young: np.ndarray  # guess [Pa], (n,)
+    tightness: np.ndarray  # weight of log E / guess, squared, in the cost, (n,)
 
     @property
     def frames(self) -> int:
@@ -73,9 +75,11 @@ class _Problem:
         return value, gradient, hessian
 
 
-def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues, modal: ModalModel, *, camera: Camera) -> StartValues:
-    """`start` with moduli, damping, forced frames and force found jointly; its moduli are the guess."""
-    problem = _problem(body, tracks, period_s, start, modal, camera)
+def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues, modal: ModalModel, *, camera: Camera, believed: bool = False) -> StartValues:
+    """`start` with moduli, damping, forced frames and force found jointly; its moduli are the guess, held to within their
+    standard deviations where they are `believed`."""
+    sd = start.log10_young_sd if believed and not start.has_free_tail else np.full(len(start.young), np.inf)
+    problem = _problem(body, tracks, period_s, start, modal, camera, sd)
     found = [_fit(problem, factor) for factor in STARTS]
     cost, z, forced = min(found, key=lambda f: f[0])
     n = len(start.young)
@@ -88,7 +92,7 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
     return replace(
         start,
         young=motion["young"],
-        log10_young_sd=np.maximum(spread, 0.1),
+        log10_young_sd=np.minimum(np.maximum(spread, 0.1), sd),
         mass_damping=float(motion["mass_damping"]),
         stiffness_damping=float(motion["stiffness_damping"]),
         forced=forced,
@@ -102,7 +106,7 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
     )
 
 
-def _problem(body: Body, tracks: Tracks, period_s: float, start: StartValues, modal: ModalModel, camera: Camera) -> _Problem:
+def _problem(body: Body, tracks: Tracks, period_s: float, start: StartValues, modal: ModalModel, camera: Camera, sd: np.ndarray) -> _Problem:
     points = body.to_body(tracks.points)
     moved, basis = points - points[:1], modal.evaluate(points[0])[0]
     if not tracks.has_depth:
@@ -116,7 +120,7 @@ def _problem(body: Body, tracks: Tracks, period_s: float, start: StartValues, mo
     second = np.diff(moved, 2, axis=0) / period_s**2
     acceleration = float(np.sqrt(np.median((second**2).sum(-1).mean(1))))
     unit = max(acceleration, 1e-9) * float(body.density.mean())
-    return _Problem(modal, gram, np.einsum("tmc,mcr->tr", moved, basis) / scale, 1.0, modal.footprint_load(), unit, period_s, start.young)
+    return _Problem(modal, gram, np.einsum("tmc,mcr->tr", moved, basis) / scale, 1.0, modal.footprint_load(), unit, period_s, start.young, LOG_YOUNG / (np.log(10) * sd) ** 2)
 
 
 def _fit(problem: _Problem, factor: float) -> tuple[float, np.ndarray, np.ndarray]:
@@ -136,6 +140,7 @@ def _sparse(problem: _Problem, z: np.ndarray) -> np.ndarray:
     first, second = np.zeros_like(z), np.zeros_like(z)
     for k in range(ITERATIONS):
         gradient = problem.misfit(z)[1]
+        gradient[:n] += 2 * problem.tightness * z[:n]
         force = z[n + 2 :].reshape(-1, 3)
         weight = max(LAST_SPARSITY, FIRST_SPARSITY * FADING**k) / problem.frames
         gradient[n + 2 :] += (weight * force / np.sqrt((force**2).sum(1, keepdims=True) + ROUNDING**2)).ravel()
@@ -167,6 +172,7 @@ def _refit(problem: _Problem, z: np.ndarray, forced: np.ndarray) -> tuple[float,
     penalty = np.zeros((len(z), len(z)))
     penalty[n + 2 :, n + 2 :] = np.kron(per_frame, np.eye(3))
     penalty[range(n, n + 2), range(n, n + 2)] = 1e-3
+    penalty[range(n), range(n)] = problem.tightness
     damping, best = 1e-3, (np.inf, z)
     for _ in range(REFIT):
         value, gradient, hessian = problem.misfit(z)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -30,7 +30,22 @@ ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over 
 WIDEST_SD = 0.15  # of log10 E that still counts as identified
 STILL = 4.0  # motion over noise below which nothing can be said
 GUESS_SD = 0.5  # of log10 E of a guess
+STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
 PRIOR_DAMPING = 1e-3  # stiffness damping of a guess [s]
+
+
+class Belief(Protocol):
+    """What is believed of Young's modulus before any motion is looked at."""
+
+    @property
+    def young(self) -> np.ndarray:
+        """Per part [Pa], (n,)."""
+        ...
+
+    @property
+    def log10_young_sd(self) -> np.ndarray:
+        """Per part, (n,)."""
+        ...
 
 
 def start_values(
@@ -41,6 +56,7 @@ def start_values(
     report: Callable[[str], None] | None = None,
     *,
     camera: Camera | None = None,
+    belief: Belief | None = None,
 ) -> tuple[StartValues, ModalModel]:
     """Young's modulus per part and damping from the free tail, force from all frames, and the modes they came from.
 
@@ -51,6 +67,7 @@ def start_values(
         settings: `modes.*` and `scene.at_rest`.
         report: takes a line of news after each step.
         camera: for the lines of sight, where the tracks have no depth.
+        belief: Young's moduli to take where there is no free tail; without it a guess from the clip's strongest frequency.
     """
     from .elements import Elements
 
@@ -60,7 +77,7 @@ def start_values(
     if motion.size_m < STILL * motion.noise_m:
         support = replace(support, has_free_tail=False)
     say(_describe(support))
-    fit = _Fit(Elements.of(body), body, tracks, motion, support, period_s, settings)
+    fit = _Fit(Elements.of(body), body, tracks, motion, support, period_s, settings, belief)
     say(f"finite elements: {len(fit.elements.nodes)} nodes")
     if support.has_free_tail:
         fit, physics, modal = fit.settled()
@@ -91,6 +108,7 @@ class _Fit:
     support: Support
     period_s: float
     settings: Settings
+    belief: Belief | None
 
     def settled(self) -> tuple[_Fit, Physics, ModalModel]:
         """Tail fit, the support grown by what the fit shows, and the tail fitted again where it grew."""
@@ -117,11 +135,23 @@ class _Fit:
         return physics, modal
 
     def guess(self) -> tuple[Physics, ModalModel]:
-        """One modulus for all parts at which the lowest mode swings at the clip's strongest frequency."""
+        """The moduli believed in; without any, one for all parts at which the lowest mode swings at the clip's strongest frequency."""
+        if self.belief is not None:
+            return self._standing(self.belief.young * self.settings.modes.start_scale)
         hz = _strongest_hz(self.motion.coordinates[:, 0], self.period_s)
         unit = np.full(self.body.parts, UNIT_YOUNG)
         young = _swinging_at(self._basis(unit, (), loaded=False), unit, hz) * self.settings.modes.start_scale
         return Physics(young, 0.0, PRIOR_DAMPING, np.zeros(0)), self._basis(young, NARROW_RATIOS)
+
+    def _standing(self, young: np.ndarray) -> tuple[Physics, ModalModel]:
+        """`young`, made stiffer as far as the body needs it in order not to buckle under its weight."""
+        modal = self._basis(young, NARROW_RATIOS)
+        for _ in range(STIFFENINGS):
+            if modal.eigen(young)[0][0] > 0:
+                break
+            young = 2.0 * young
+            modal = self._basis(young, NARROW_RATIOS)
+        return Physics(young, 0.0, PRIOR_DAMPING, np.zeros(0)), modal
 
     def _basis(self, young: np.ndarray, ratios: tuple[float, ...], *, loaded: bool = True) -> ModalModel:
         from .elements import modal_model
@@ -159,7 +189,7 @@ class _Fit:
         solution = problem.solve(physics, load)
         residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3))
         free = support.has_free_tail
-        sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else np.full(self.body.parts, GUESS_SD)
+        sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else self._sd_of_guess()
         reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m)
         return StartValues(
             young=physics.young,
@@ -182,6 +212,9 @@ class _Fit:
             has_free_tail=free,
         )
 
+    def _sd_of_guess(self) -> np.ndarray:
+        return np.full(self.body.parts, GUESS_SD) if self.belief is None else self.belief.log10_young_sd
+
     def _track_cost(self, problem: ForceProblem, physics: Physics, solution: Solution, load: np.ndarray) -> float:
         """Mean squared misfit of the linear motion on the raw tracks over their mean squared motion."""
         q = problem.modal.respond(
@@ -200,7 +233,8 @@ class _Fit:
         if not self.support.has_free_tail:
             moved = self.motion.size_m >= STILL * self.motion.noise_m
             why = "the clip shows no free oscillation of sufficient length" if moved else "the object hardly moves"
-            return [(True, f"{why}, so this Young's modulus is a guess; record a longer tail without force.")] * len(sd)
+            source = "a guess" if self.belief is None else "the material prior's"
+            return [(True, f"{why}, so this Young's modulus is {source}; record a longer tail without force.")] * len(sd)
         if residual > ALARM_NOISE * self.motion.coherent_m and residual > ALARM_SHARE * size:
             text = f"the free motion differs from the fitted modes by {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
             return [(True, text)] * len(sd)

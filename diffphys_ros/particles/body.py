@@ -12,6 +12,7 @@ from .solid import Solid, solid_of
 from .view import View, object_mask, view_of
 
 WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is known
+POISSON_RATIO = 0.3  # assumed where it is not known
 
 
 def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
@@ -58,7 +59,7 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
         half_thickness=solid.half,
         part=part,
         density=density,
-        poisson=_per_part(scene.poisson_ratio, parts, "scene.poisson_ratio"),
+        poisson=_per_part(scene.poisson_ratio or [POISSON_RATIO], parts, "scene.poisson_ratio"),
         gravity=np.array(scene.gravity_m_s2 or (0.0, 0.0, 0.0)) @ pose[:3, :3],
         clamped=view.clamp is not None,
         sources={"density": density_source, "metric_scale": _metric_scale(scene, clip), "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"},

@@ -123,4 +123,5 @@ def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, ob
 def notes(prepared: Prepared) -> tuple[str, ...]:
     """What was assumed, one sentence each."""
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
-    return (*prepared.clip.notes, f"depth: {prepared.depth_source}", *said)
+    of_prior = prepared.prior.notes if prepared.prior else ()
+    return (*prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)

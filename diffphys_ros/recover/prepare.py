@@ -11,7 +11,8 @@ from ..config import Settings
 from ..errors import InputError
 from ..losses import foreground
 from ..modes.model import ModalModel
-from ..types import Body, Clip, StartValues, Tracks
+from ..types import Body, Clip, MaterialPrior, StartValues, Tracks
+from .belief import believed, of_parts
 from .law import law_to_fit
 from .progress import Progress
 
@@ -29,6 +30,7 @@ class Prepared:
     body: Body
     start: StartValues
     modal: ModalModel
+    prior: MaterialPrior | None = None  # of the material
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -59,6 +61,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     from ..modes import start_values
     from ..modes.joint import joint_values
     from ..particles import build_body
+    from ..prior import material_prior
     from ..tracks import follow
 
     check_clip(clip)
@@ -71,15 +74,25 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     yield Progress("tracks", text="following surface points")
     tracks = follow(clip, depth0, settings)
     yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
-    body = build_body(clip, depth0, settings)
+    body, belief = build_body(clip, depth0, settings), None
+    prior = material_prior(clip, settings)
+    if prior is not None:
+        body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
+        yield Progress("body", text=describe_prior(prior))
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
-    start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera)
+    start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief)
     if settings.fit.schedule == "joint" or (settings.fit.schedule == "auto" and not start.has_free_tail):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
-        start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera)
-    prepared = Prepared(clip, depth0, source, tracks, body, start, modal)
+        start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
+    prepared = Prepared(clip, depth0, source, tracks, body, start, modal, prior)
     yield Progress("modes", text=describe_start(start), artefact=start)
     return prepared
+
+
+def describe_prior(prior: MaterialPrior) -> str:
+    """The material prior in a line for people."""
+    values = zip(prior.name, prior.young, prior.poisson, prior.density, strict=True)
+    return f"material by {prior.source}: " + "; ".join(f"{name}, E {e:.3g} Pa, nu {nu:.2f}, {rho:.4g} kg/m^3" for name, e, nu, rho in values)
 
 
 def describe_start(start: StartValues) -> str:
