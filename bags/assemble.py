@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from diffphys_ros.bags.exposure import with_steady_exposure
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera, Clip
 
@@ -19,8 +20,8 @@ def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, n
     """A Clip from stamped images.
 
     The clock is the straight line through the stamps: jitter is ignored, a slot without a frame repeats the frame before it with
-    `observed` false. Each frame takes the depth image nearest in time, if that is at most half a period away. What was done to the
-    data is said in `Clip.notes`.
+    `observed` false. Each frame takes the depth image nearest in time, if that is at most half a period away. Drift of the exposure is
+    taken off. What was done to the data is said in `Clip.notes`.
 
     Args:
         images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
@@ -33,7 +34,8 @@ def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, n
     slots, period, found = uniform_clock(stamps, source)
     notes = [*notes, *found]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
-    frames = np.stack([images[i][1] for i in last_of_slot])
+    frames, drift = with_steady_exposure(np.stack([images[i][1] for i in last_of_slot]))
+    notes += [f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off"] if drift else []
     observed = np.isin(np.arange(len(frames)), slots)
     depth = None
     if len(depths):
