@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .regions import window_of
+
 UNSURE_PX = 5  # around a disagreement that is more than a border's width of noise
 AROUND_PX = 20  # colours are learnt this far around
 NEAREST = 5  # sure pixels of either side that a first guess looks at
@@ -26,7 +28,7 @@ def settle_by_colour(frame: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndar
     likely = _nearer(frame, doubted, sure_object, sure_rest)
     state = np.where(a, cv2.GC_FGD, cv2.GC_BGD).astype(np.uint8)
     state[doubted] = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD)
-    window = _window(near)
+    window = window_of(near)
     cut = state[window].copy()
     cv2.setRNGSeed(0)  # its k-means draws from a global generator
     models = np.zeros((1, 65)), np.zeros((1, 65))
@@ -47,11 +49,6 @@ def _nearer(frame: np.ndarray, pixels: np.ndarray, one: np.ndarray, other: np.nd
     lab = cv2.cvtColor(frame, cv2.COLOR_RGB2LAB).astype(np.float32)
     distance = [cKDTree(lab[side]).query(lab[pixels], k=NEAREST)[0].mean(1) for side in (one, other)]
     return distance[0] < distance[1]
-
-
-def _window(mask: np.ndarray) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _disc(radius: int) -> np.ndarray:

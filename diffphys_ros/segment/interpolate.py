@@ -27,7 +27,7 @@ def interpolated_sources(now: np.ndarray, before: np.ndarray, near: np.ndarray) 
     wide = cv2.dilate(near.astype(np.uint8), np.ones((2 * AROUND_PX + 1,) * 2)) > 0
     motion = np.zeros_like(coarse)
     wanted = _touched(wide, coarse.shape[:2])
-    motion[wanted] = _affine_motion(coarse[wanted], now.astype(float), before.astype(float))
+    motion[wanted] = affine_values(coarse[wanted], now.astype(float), (before - now).astype(float))
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
     fine = cv2.remap(motion.astype(np.float32), grid[..., 0] / STEP_PX, grid[..., 1] / STEP_PX, cv2.INTER_LINEAR)
     return np.where(wide[..., None], grid + fine, np.float32(-2 * max(height, width)))
@@ -41,14 +41,14 @@ def _touched(wide: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return cv2.dilate(touched, np.ones((2, 2)), anchor=(1, 1)) > 0
 
 
-def _affine_motion(at: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Displacements to frame 0 (N, 2) at pixels (N, 2): a weighted affine fit of the nearest points each."""
-    distance, index = cKDTree(now).query(at, k=NEIGHBOURS)
+def affine_values(at: np.ndarray, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (N, C) at pixels (N, 2) of a weighted affine fit to the nearest of `points` (M, 2), M >= 8, with `values` (M, C)."""
+    distance, index = cKDTree(points).query(at, k=NEIGHBOURS)
     weight = np.exp(-0.5 * (distance / np.maximum(REACH_PX, 0.5 * distance[:, -1:])) ** 2)
     weight /= weight.sum(1, keepdims=True)
-    point, moved = now[index], (before - now)[index]
-    centre, mean = (np.einsum("nk,nka->na", weight, a) for a in (point, moved))
+    point, value = points[index], values[index]
+    centre, mean = (np.einsum("nk,nka->na", weight, a) for a in (point, value))
     arm = point - centre[:, None]
     second = np.einsum("nk,nka,nkb->nab", weight, arm, arm) + RIGIDITY_PX2 * np.eye(2)
-    cross = np.einsum("nk,nka,nkb->nab", weight, arm, moved - mean[:, None])
+    cross = np.einsum("nk,nka,nkb->nab", weight, arm, value - mean[:, None])
     return mean + np.einsum("na,nab->nb", at - centre, np.linalg.solve(second, cross))

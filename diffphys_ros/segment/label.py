@@ -29,7 +29,7 @@ def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
         method = "given" if settings.scene.first_mask else "motion"
     if method not in METHODS:
         raise InputError(f"segment.method is {method!r}, must be one of {', '.join(METHODS)}")
-    return propagate(clip.frames, clip.seen, first_labels(METHODS[method](clip, settings), clip, settings))
+    return propagate(clip.frames, clip.seen, first_labels(METHODS[method](clip, settings), clip, settings), clip.depth)
 
 
 def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray:

@@ -8,31 +8,37 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError
 from ..types import Clip
-from .regions import filled, largest
+from .prompt import Prompt
+from .regions import filled, touching
+from .surroundings import reachable
 
 LEAST_MOTION_PX = 1.0  # displacement from which texture is said to have moved
 LEAST_GAIN = 6.0  # grey levels by which the flow explains a moving pixel better than standing still
 LEAST_SHARE = 0.001  # of the image that must move
 STEADY = 0.3  # quantile over the frames in which a pixel must have moved: background that is merely passed over fails it
 MOST_FRAMES = 24
+CHROMA_SPREAD = 4.0  # units of CIELAB within which two chromas are one
+RARE = 0.002  # share of the scene below which a chroma is foreign to it
 
 
 def motion_mask(clip: Clip, settings: Settings) -> np.ndarray:
-    """Object (1) and background (0) of frame 0, uint8 (H, W): what moves, and what continues it in colour (a still root).
+    """Object (1) and background (0) of frame 0, uint8 (H, W): what moves, and its still root where colour continues it and, with a
+    depth topic, up to the next step in depth or the clamped face.
 
-    Raises InputError where nothing moves.
+    Of several moving regions the largest counts, or that of `segment.box_px` and `segment.point_px`. Raises InputError where
+    nothing moves there.
     """
-    core = moving_core(clip.frames[clip.seen])
+    core = moving_core(clip.frames[clip.seen], Prompt.of(settings, clip.frames.shape[1:3]))
     if core.mean() < LEAST_SHARE:
         raise InputError(
             f"{clip.source or 'clip'}: {100 * core.mean():.2f} % of frame 0 is seen to move by {LEAST_MOTION_PX:g} px or more, needs at least "
             f"{100 * LEAST_SHARE:g} % to find the object by motion; give scene.first_mask"
         )
-    return _by_colour(clip.frames[0], core).astype(np.uint8)
+    return _by_colour(clip.frames[0], core, reachable(clip, core, settings)).astype(np.uint8)
 
 
-def moving_core(frames: np.ndarray) -> np.ndarray:
-    """Pixels of frame 0 on moving texture, closed over the gaps between them: bool (H, W), the largest such region.
+def moving_core(frames: np.ndarray, prompt: Prompt) -> np.ndarray:
+    """Pixels of frame 0 on moving texture, closed over the gaps between them: bool (H, W), the region that the prompt chooses.
 
     Dense flow (DIS) bleeds far into plain background, so it is believed only where it explains the frames better than standing
     still does, and does so in most of the frames in which it claims motion.
@@ -46,7 +52,7 @@ def moving_core(frames: np.ndarray) -> np.ndarray:
     gap = 2 * max(2, round(0.015 * np.sqrt(moving.size))) + 1
     closed = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (gap, gap)))
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
-    return filled(largest(opened))
+    return filled(prompt.region(opened))
 
 
 def _spread(count: int) -> np.ndarray:
@@ -68,28 +74,40 @@ def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.abs(a.astype(np.float32) - b).max(-1)
 
 
-def _by_colour(frame: np.ndarray, core: np.ndarray) -> np.ndarray:
-    """GrabCut (Rother et al. 2004) from the moving core: sharp edges, and the still root where its colours continue."""
+def _by_colour(frame: np.ndarray, core: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """GrabCut (Rother et al. 2004) from the moving core: sharp edges, and the still root where its colours continue or, inside a
+    depth step's bounds `within` (H, W), where they are none of the scene's around."""
     reach = max(3, round(0.03 * np.sqrt(core.sum())))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    guess = np.where(core | _coloured_as(frame, core), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    guess = np.where(core | _likely(frame, core, within), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     guess[cv2.erode(core.astype(np.uint8), disc) > 0] = cv2.GC_FGD
     border = max(2, min(core.shape) // 60)
     rim = np.ones(core.shape, bool)
     rim[border:-border, border:-border] = False
-    guess[rim & ~core] = cv2.GC_BGD
+    guess[(rim & ~core) | ~cv2.dilate(within.astype(np.uint8), np.ones((3, 3))).astype(bool)] = cv2.GC_BGD
     cv2.setRNGSeed(0)
     cv2.grabCut(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), guess, None, np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
-    return filled(largest((guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)))
+    found = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)
+    return filled(touching(found, core))
 
 
-def _coloured_as(frame: np.ndarray, core: np.ndarray) -> np.ndarray:
-    """Pixels whose colour is more frequent inside the core than outside, joined to it: bool (H, W)."""
-    bins = (cv2.cvtColor(frame, cv2.COLOR_RGB2LAB) // 16).astype(int) @ (256, 16, 1)
+def _likely(frame: np.ndarray, core: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """Pixels joined to the core that have its colours or, where depth bounds them, colours foreign to all beyond the bounds: bool (H, W)."""
+    lab = cv2.cvtColor(frame, cv2.COLOR_RGB2LAB)
+    bins = (lab // 16).astype(int) @ (256, 16, 1)
     inside, outside = (_frequency(bins[region]) for region in (core, ~core))
     alike = (inside > outside)[bins]
+    if not within.all():
+        alike |= within & _foreign(lab, within)
     _, regions = cv2.connectedComponents(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) | core)
     return (regions > 0) & np.isin(regions, np.unique(regions[core]))
+
+
+def _foreign(lab: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """Pixels whose chroma (CIELAB a, b) is rare beyond the bounds, bool (H, W)."""
+    bins = lab[..., 1].astype(int) * 256 + lab[..., 2]
+    count = cv2.GaussianBlur(np.bincount(bins[~within], minlength=256 * 256).reshape(256, 256).astype(np.float32), (0, 0), CHROMA_SPREAD)
+    return (count * (2 * np.pi * CHROMA_SPREAD**2) < RARE * (~within).sum()).ravel()[bins]
 
 
 def _frequency(bins: np.ndarray) -> np.ndarray:

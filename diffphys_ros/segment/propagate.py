@@ -10,23 +10,26 @@ from ..correspondence import Matching, normalised, seed_points, track_pixels
 from ..types import IGNORE
 from .colour import settle_by_colour
 from .interpolate import interpolated_sources
+from .occlude import ColourWitness, DepthWitness, before_the_scene
 
 TRACKS = 150
 MATCHING = Matching(window_px=15, round_trip_px=0.4)
 
 
-def propagate(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray:
+def propagate(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np.ndarray | None = None) -> np.ndarray:
     """Label images (T, H, W) uint8 from that of frame 0 (H, W).
 
     Two opinions where a pixel came from: dense flow, which follows whatever the object uncovers, and the motion of a few points
     on the object continued beyond its border, which misses faces that turn into view. Where they disagree, colour decides.
-    Frames (T, H, W, 3) RGB; frames that were not received (`seen` false) repeat the labels before them.
+    What passes between camera and object is labelled 255: where `depth` (T, H, W) [m] puts it before the object, and where its colours
+    are neither the object's nor the scene's behind. Frames (T, H, W, 3) RGB; frames that were not received (`seen` false) repeat the
+    labels before them.
     """
     by_flow = _by_flow(frames, seen, first)
-    by_tracks = _by_tracks(frames, seen, by_flow)
+    by_tracks, hidden = _by_tracks(frames, seen, by_flow, depth)
     labels = by_flow.copy()
     for k in range(1, len(frames)):
-        labels[k] = _settled(frames[k], by_flow[k], by_tracks[k]) if seen[k] else labels[k - 1]
+        labels[k] = _settled(frames[k], by_flow[k], by_tracks[k], hidden[k]) if seen[k] else labels[k - 1]
     return labels
 
 
@@ -43,26 +46,36 @@ def _by_flow(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndar
     return labels
 
 
-def _by_tracks(frames: np.ndarray, seen: np.ndarray, by_flow: np.ndarray) -> np.ndarray:
-    """Labels by the motion of tracked points of the object, on and around what the flow labels; those of the flow without tracks."""
+def _by_tracks(frames: np.ndarray, seen: np.ndarray, by_flow: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Labels by the motion of tracked points of the object, on and around what the flow labels; those of the flow without tracks.
+    And the pixels (T, H, W) where something hides the object."""
     images = [normalised(frame) for frame in frames]
     first, labels = by_flow[0], by_flow.copy()
+    hidden = np.zeros(labels.shape, bool)
     start = seed_points(images[0], _object(first), spacing_px=4, most=TRACKS)
     pixels, valid = track_pixels(images, start, seen, MATCHING)
+    witness = None if depth is None else DepthWitness(depth, _object(first), start)
+    colours, odd = ColourWitness(frames[0], _object(first)), np.zeros(labels.shape, bool)
     for k in np.flatnonzero(seen[1:]) + 1:
         source = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]))
-        if source is not None:
-            labels[k] = _warped(first, source)
-    return labels
+        if source is None:
+            continue
+        labels[k] = _warped(first, source)
+        region = _object(labels[k]) | _object(by_flow[k])
+        odd[k] = colours.strange(frames[k], source, region)
+        if witness is not None and depth is not None:
+            hidden[k] = witness.hidden(k, pixels[k], valid[k], source, region)
+            odd[k] &= depth[k] == 0  # where it is known, it decides
+    return labels, hidden | before_the_scene(frames, (labels == 0) & (by_flow == 0), odd)
 
 
-def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray) -> np.ndarray:
+def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """One label image from two: part numbers by the flow, or by the nearest pixel where it saw none."""
-    inside = settle_by_colour(frame, _object(by_flow), _object(by_tracks))
-    ignored = by_flow == IGNORE
+    inside = settle_by_colour(frame, _object(by_flow) & ~hidden, _object(by_tracks) & ~hidden)
+    ignored = (by_flow == IGNORE) | hidden
     known = _object(by_flow) & inside
     if not known.any():
-        return by_flow
+        return np.where(ignored, IGNORE, by_flow).astype(np.uint8)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return np.where(ignored, IGNORE, np.where(inside, by_flow[tuple(nearest)], 0)).astype(np.uint8)
 

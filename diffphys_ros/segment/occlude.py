@@ -1,0 +1,147 @@
+"""Pixels where something passes between camera and object: depth and colours that contradict the object's own."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from .interpolate import affine_values
+from .regions import window_of
+
+NEARER = 0.02  # share of the depth by which something must lie before the object to hide it
+NOISE = 6.0  # and robust standard deviations of the depth at the object's tracks
+NEIGHBOURS = 8  # tracks whose median tells how far a piece of the object came nearer
+STEP_PX = 4  # distance of the pixels at which that is evaluated
+LEAST_PX = 5  # side of the smallest thing that can hide an object
+MARGIN_PX = 2  # pixels around it mix its colour with the object's
+LIGHTNESS = 0.5  # weight of lightness in colour distances: shading varies it
+STRANGE = 12.0  # CIELAB units from every colour of the object, on average over a small window, at which it is not the object
+MOST_STRANGE = 36.0  # that one pixel counts
+WINDOW_PX = 9  # side of that window
+BACKGROUND_FRAMES = 15  # that are asked what the scene behind the object looks like
+AROUND_PX = 6  # of where a pixel came from in which its depth and colours are looked up: that place is not known better
+
+
+class DepthWitness:
+    """Compares every depth image with the object's own surface: frame 0's, moved along with the tracks.
+
+    depth (T, H, W) [m] with 0 where unknown, first object mask (H, W), tracks' pixels `start` (M, 2) in frame 0.
+    """
+
+    def __init__(self, depth: np.ndarray, first: np.ndarray, start: np.ndarray):
+        self.depth, self.start = depth, start
+        known = np.where(first & (depth[0] > 0), depth[0], np.inf).astype(np.float32)
+        nearest = cv2.erode(known, np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
+        self.first = np.where(first & np.isfinite(nearest), nearest, 0).astype(np.float32)  # 0: unknown
+
+    def hidden(self, k: int, pixels: np.ndarray, valid: np.ndarray, source: np.ndarray, region: np.ndarray) -> np.ndarray:
+        """Pixels of `region` (H, W) in frame k before which something else stands, bool (H, W).
+
+        Tracks at `pixels` (M, 2), valid (M,); `source` (H, W, 2): where pixels came from in frame 0.
+        """
+        now, before = (_read(self.depth[i], at) for i, at in ((k, pixels), (0, self.start)))
+        good = valid & (now > 0) & (before > 0)
+        if good.sum() < NEIGHBOURS or not region.any():
+            return np.zeros(region.shape, bool)
+        window = window_of(region)
+        expected = cv2.remap(self.first, source[window], None, cv2.INTER_NEAREST)
+        nearest, noise = _approach(pixels[good], (now - before)[good], window)
+        bound = NEARER * expected + NOISE * noise
+        measured, found = self.depth[k][window], np.zeros(region.shape, bool)
+        found[window] = solid((expected > 0) & (measured > 0) & (measured < expected + nearest - bound) & region[window])
+        return found
+
+
+class ColourWitness:
+    """Compares every frame with the object's own colours: those of frame 0 around the place that a pixel came from.
+
+    first_frame RGB (H, W, 3), the object's mask `first` (H, W) in it.
+    """
+
+    def __init__(self, first_frame: np.ndarray, first: np.ndarray):
+        lab = _weighted_lab(cv2.medianBlur(first_frame, 3))
+        self.low, self.high = (_nearby(lab, first, extreme) for extreme in (cv2.erode, cv2.dilate))
+        self.first = first.astype(np.uint8)
+
+    def strange(self, frame: np.ndarray, source: np.ndarray, region: np.ndarray) -> np.ndarray:
+        """Pixels of `region` (H, W) whose colour the object has nowhere near `source` (H, W, 2) [px in frame 0], bool (H, W)."""
+        found = np.zeros(region.shape, bool)
+        if region.any():
+            window = window_of(region)
+            lab, at = _weighted_lab(cv2.medianBlur(np.ascontiguousarray(frame[window]), 3)), source[window]
+            low, high = (cv2.remap(bound, at, None, cv2.INTER_NEAREST) for bound in (self.low, self.high))
+            excess = np.linalg.norm(np.maximum(np.maximum(low - lab, lab - high), 0), axis=-1)
+            known = region[window] & (cv2.remap(self.first, at, None, cv2.INTER_NEAREST) > 0)
+            found[window] = solid(known & (_mean_over(np.minimum(excess, MOST_STRANGE), known) > STRANGE))
+        return found
+
+
+def solid(mask: np.ndarray) -> np.ndarray:
+    """What of a mask is no speck or line, with a margin, bool (H, W)."""
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((LEAST_PX, LEAST_PX), np.uint8))
+    return cv2.dilate(opened, np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)) > 0
+
+
+def before_the_scene(frames: np.ndarray, shown: np.ndarray, odd: np.ndarray) -> np.ndarray:
+    """Which strange pixels `odd` (T, H, W) are not simply the scene behind, laid open: those unlike what the nearest pixel shows that is
+    ever `shown` (T, H, W) as background; bool (T, H, W)."""
+    if not odd.any():
+        return odd
+    behind = _weighted_lab(_scene_behind(frames, shown))
+    found = np.zeros_like(odd)
+    for k in np.flatnonzero(odd.any((1, 2))):
+        unlike = np.linalg.norm(_weighted_lab(frames[k]) - behind, axis=-1)
+        found[k] = odd[k] & solid(odd[k] & (_mean_over(np.minimum(unlike, MOST_STRANGE), odd[k]) > STRANGE))
+    return found
+
+
+def _scene_behind(frames: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Median of some frames where they show the background, the nearest such pixel where none does, uint8 (H, W, 3)."""
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(BACKGROUND_FRAMES, len(frames))).astype(int))
+    scene = np.median(frames[chosen], 0)
+    partly = shown[chosen].any(0) & ~shown[chosen].all(0)
+    seen = np.where(shown[chosen][:, partly, None], frames[chosen][:, partly].astype(np.float32), np.nan)
+    scene[partly] = np.nanmedian(seen, 0)
+    never = ~shown[chosen].any(0)
+    index = distance_transform_edt(never, return_distances=False, return_indices=True)
+    return scene[tuple(index)].astype(np.uint8)
+
+
+def _approach(pixels: np.ndarray, values: np.ndarray, window: tuple[slice, slice]) -> tuple[np.ndarray, float]:
+    """Least change of depth (h, w) [m] that the tracks (M, 2) with `values` (M,) leave possible at the pixels of a window: the smaller one of
+    their neighbours' median and of a plane through them; and the robust standard deviation of the values from that median."""
+    median = np.median(values[cKDTree(pixels).query(pixels, k=NEIGHBOURS)[1]], 1)
+    rows, columns = (np.arange(side.start, side.stop + STEP_PX, STEP_PX) for side in window)
+    coarse = np.stack(np.meshgrid(columns, rows), -1).astype(float)
+    at, known = coarse.reshape(-1, 2), median[:, None]  # a single wrong depth has no say
+    least = np.minimum(affine_values(at, pixels.astype(float), known)[:, 0], median[cKDTree(pixels).query(at)[1]])
+    grid = np.stack(np.meshgrid(*(np.arange(side.stop - side.start) for side in window[::-1])), -1).astype(np.float32) / STEP_PX
+    fine = cv2.remap(least.reshape(coarse.shape[:2]).astype(np.float32), grid, None, cv2.INTER_LINEAR)
+    return fine, 1.4826 * float(np.median(np.abs(values - median)))
+
+
+def _read(depth: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Depth [m] at the nearest pixels (M,), 0 where unknown or outside."""
+    index = np.rint(pixels).astype(int)
+    inside = ((index >= 0) & (index < depth.shape[::-1])).all(-1)
+    index = np.where(inside[:, None], index, 0)
+    return np.where(inside, depth[index[:, 1], index[:, 0]], 0).astype(float)
+
+
+def _weighted_lab(image: np.ndarray) -> np.ndarray:
+    lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    return lab * np.array([LIGHTNESS, 1, 1], np.float32)
+
+
+def _mean_over(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Mean of values (H, W) over the mask's pixels in a window around each, float32 (H, W)."""
+    total, count = (cv2.boxFilter(a.astype(np.float32), -1, (WINDOW_PX, WINDOW_PX), normalize=False) for a in (values * mask, mask))
+    return total / np.maximum(count, 1)
+
+
+def _nearby(lab: np.ndarray, mask: np.ndarray, extreme) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Least (cv2.erode) or largest (cv2.dilate) value of every channel over the mask's pixels around each pixel."""
+    away = np.float32(1e3 if extreme is cv2.erode else -1e3)
+    return extreme(np.where(mask[..., None], lab, away), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))

@@ -1,0 +1,61 @@
+"""How far an object may reach beyond what moves of it: to the next step in depth, to its clamp."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..config import Settings
+from ..types import Clip
+
+STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends
+LEAST_SHARE = 0.5  # of the moving pixels that the surface must hold; less, and depth says nothing about the object
+
+
+def reachable(clip: Clip, core: np.ndarray, settings: Settings) -> np.ndarray:
+    """Pixels that may be the object that `core` (H, W) is the moving part of, bool (H, W): all without a depth topic, else those that
+    join it without a step in depth and lie before the clamped face where `scene.clamp_box_m` gives one."""
+    if clip.depth is None:
+        return np.ones(core.shape, bool)
+    depth = _without_holes(clip.depth[0])
+    surface = _joined(depth, core)
+    if (surface & core).sum() < LEAST_SHARE * core.sum():
+        return np.ones(core.shape, bool)
+    return core | (surface & _before_clamp(clip, depth, core, settings))
+
+
+def _without_holes(depth: np.ndarray) -> np.ndarray:
+    if not (depth > 0).any():
+        return np.ones_like(depth)
+    index = distance_transform_edt(depth <= 0, return_distances=False, return_indices=True)
+    return depth[tuple(index)]
+
+
+def _joined(depth: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """The surfaces without inner steps that hold a good share of the core, bool (H, W)."""
+    node = np.arange(depth.size).reshape(depth.shape)
+    rows, columns = [], []
+    for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        smooth = np.abs(depth[a] - depth[b]) < STEP * np.minimum(depth[a], depth[b])
+        rows.append(node[a][smooth])
+        columns.append(node[b][smooth])
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    graph = coo_matrix((np.ones(len(row), bool), (row, column)), shape=(depth.size, depth.size))
+    surface = connected_components(graph, directed=False)[1].reshape(depth.shape)
+    share = np.bincount(surface[core], minlength=int(surface.max()) + 1) / max(core.sum(), 1)
+    return (share >= 0.1 * share.max())[surface]
+
+
+def _before_clamp(clip: Clip, depth: np.ndarray, core: np.ndarray, settings: Settings) -> np.ndarray:
+    """Pixels whose surface lies on the moving side of the clamped face, bool (H, W); all where no clamp or no pose is known."""
+    box = settings.scene.clamp_box_m
+    if box is None or not clip.camera.pose_known:
+        return np.ones(depth.shape, bool)
+    low, high = np.reshape(box, (2, 3))
+    axis = int(np.argmin(high - low))  # across the face the box is thinnest
+    pixels = np.stack(np.meshgrid(np.arange(depth.shape[1]), np.arange(depth.shape[0])), -1).astype(float)
+    beyond = clip.camera.backproject(pixels, depth.astype(float))[..., axis] - (low + high)[axis] / 2
+    side = np.sign(np.median(beyond[core]))
+    return beyond * side > -(high - low)[axis] / 2
