@@ -42,6 +42,7 @@ class Scene:
     density_kg_m3: list[float] | None = setting(None, "density, one value or one per part", unit="kg/m^3", low=1.0, high=3e4)
     poisson_ratio: list[float] | None = setting(None, "Poisson's ratio, one value or one per part; the prior's where not given, else 0.3", low=0.0, high=0.49)
     thickness_m: float | None = setting(None, "largest extent along thickness_axis", unit="m", low=1e-4, high=10.0)
+    size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0; fixes the scale where neither depth nor clamp does", unit="m", low=1e-4, high=1e3)
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
     clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", length=6)
@@ -72,10 +73,27 @@ class Topics:
 class Segment:
     """Object mask and part labels."""
 
-    method: str = setting("auto", "object mask in frame 0; auto: given where first_mask is set, else motion", choices=("auto", "given", "motion", "otsu"))
+    method: str = setting(
+        "auto",
+        "object mask in frame 0; auto: given where first_mask is set, else sam where segment.model is set, else motion",
+        choices=("auto", "given", "motion", "otsu", "sam"),
+    )
+    model: str | None = setting(None, "SAM or SAM 2 checkpoint of transformers: a folder or a hub id; its prompt is box_px, point_px or what moves")
     box_px: list[float] | None = setting(None, "box around the object in frame 0: left top right bottom", unit="px", length=4)
     point_px: list[float] | None = setting(None, "point on the object in frame 0: u v", unit="px", length=2)
     max_parts: int = setting(3, "most parts that colour may split the object into", low=1, high=8)
+
+
+@dataclass(frozen=True)
+class DepthSettings:
+    """Depth of the object's surface in frame 0."""
+
+    source: str = setting(
+        "auto",
+        "auto: topic where the clip has depth, else network where depth.model is set, else inflate",
+        choices=("auto", "topic", "network", "inflate", "plane"),
+    )
+    model: str | None = setting(None, "depth-estimation checkpoint of transformers (MiDaS/DPT, Depth Anything, ZoeDepth): a folder or a hub id")
 
 
 @dataclass(frozen=True)
@@ -147,6 +165,14 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class MetricSettings:
+    """Figures of a result beside the losses."""
+
+    lpips_backbone: str | None = setting(None, "torchvision's AlexNet or VGG-16 state dict, .pth or .safetensors; LPIPS is left out without it", path=True)
+    lpips_heads: str | None = setting(None, "linear heads of LPIPS 0.1 for that network (alex.pth or vgg.pth)", path=True)
+
+
+@dataclass(frozen=True)
 class Playback:
     """How a node replays the recovered motion."""
 
@@ -170,12 +196,14 @@ class Settings:
     camera: CameraSettings = field(default_factory=CameraSettings)
     topics: Topics = field(default_factory=Topics)
     segment: Segment = field(default_factory=Segment)
+    depth: DepthSettings = field(default_factory=DepthSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     particles: ParticleSettings = field(default_factory=ParticleSettings)
     prior: PriorSettings = field(default_factory=PriorSettings)
     modes: Modes = field(default_factory=Modes)
     splats: SplatSettings = field(default_factory=SplatSettings)
     fit: Fit = field(default_factory=Fit)
+    metrics: MetricSettings = field(default_factory=MetricSettings)
     playback: Playback = field(default_factory=Playback)
     publish: Publish = field(default_factory=Publish)
 
