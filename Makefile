@@ -3,7 +3,7 @@ VENV ?= .venv
 PY := $(VENV)/bin/python
 export VENV
 
-.PHONY: help setup demo demo-starts graph test lint bench tables clean
+.PHONY: help setup demo demo-starts graph test lint bench accuracy tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
@@ -12,6 +12,7 @@ help:
 	@echo "make test         all tests"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
+	@echo "make accuracy     the simulator against beam theory and finite elements"
 	@echo "make tables       rewrite the tables in README.md from the code"
 	@echo "make clean        remove results, builds and .venv"
 
@@ -36,6 +37,9 @@ lint: setup
 
 bench: setup
 	$(PY) benchmarks/substep.py
+
+accuracy: setup
+	OMP_NUM_THREADS=1 PYTHONPATH=. $(PY) benchmarks/accuracy.py --figures docs/figures
 
 tables: setup
 	$(PY) scripts/readme_tables.py
