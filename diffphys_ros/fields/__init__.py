@@ -1,5 +1,24 @@
-"""The two unknown fields and their parameters (paper Eq. 1-2): material per part, force as footprint x amplitude per frame."""
+"""The two unknown fields and their parameters (paper Eq. 1-2): material per part or point, force per frame, mode or voxel."""
 
+from .box import Box
+from .decoder import Bounds
+from .force import FORCE_FIELDS, ForceField
+from .material import MATERIAL_FIELDS, Believed, Material, MaterialField
 from .parameters import Layout, Unknowns
+from .pretrain import pretrain
+from .smoothness import Smoothness
 
-__all__ = ["Layout", "Unknowns"]
+__all__ = [
+    "FORCE_FIELDS",
+    "MATERIAL_FIELDS",
+    "Believed",
+    "Bounds",
+    "Box",
+    "ForceField",
+    "Layout",
+    "Material",
+    "MaterialField",
+    "Smoothness",
+    "Unknowns",
+    "pretrain",
+]

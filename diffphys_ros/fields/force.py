@@ -1,0 +1,91 @@
+"""The force field (paper Eq. 2, 9, A.8): rest positions and frames in, force densities out.
+
+All begin at zero: nothing is known of a force before the motion is looked at. Row t acts between frames t and t + 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from .box import Box
+from .decoder import Decoder
+from .triplane import SPREAD, Triplane
+
+VOXELS, PLANE_NODES, CHANNELS = 10, 16, 8  # along the longest side; of planes; of a feature vector
+MODES = 4  # of ModalForce
+
+
+class ForceField(nn.Module):
+    """The door of every force field."""
+
+    def __init__(self, box: Box, frames: int, unit: float):
+        """`frames` T of the clip; `unit` [N/m^3] is the size of force that a parameter of order one stands for."""
+        super().__init__()
+        self.box, self.frames, self.unit = box, frames, unit
+
+    def forward(self, x: Tensor, t: Tensor) -> Tensor:
+        """Force density (F, P, 3) [N/m^3 of rest volume], body frame, at rest positions x (P, 3) [m] in frames t (F,) of whole
+        numbers 0 .. T - 1."""
+        raise NotImplementedError
+
+
+class FrameForce(ForceField):
+    """One vector per frame, the same everywhere."""
+
+    def __init__(self, box: Box, frames: int, unit: float, *, generator: torch.Generator):
+        super().__init__(box, frames, unit)
+        self.amplitude = nn.Parameter(torch.zeros(frames, 3))
+
+    def forward(self, x: Tensor, t: Tensor) -> Tensor:
+        return self.unit * self.amplitude[t][:, None].expand(-1, len(x), -1)
+
+
+class ModalForce(ForceField):
+    """Smooth modes along the object: per frame a few vectors times cosines of the first body axis, which leaves the clamp."""
+
+    def __init__(self, box: Box, frames: int, unit: float, *, generator: torch.Generator):
+        super().__init__(box, frames, unit)
+        self.amplitude = nn.Parameter(torch.zeros(frames, MODES, 3))
+
+    def forward(self, x: Tensor, t: Tensor) -> Tensor:
+        along = (self.box.unit(x)[:, 0] + 1) * (math.pi / 2)
+        shapes = torch.cos(along[:, None] * torch.arange(MODES, dtype=x.dtype, device=x.device))
+        return self.unit * torch.einsum("pk,fkc->fpc", shapes, self.amplitude[t])
+
+
+class VoxelForce(ForceField):
+    """A feature vector per voxel and frame, trilinear in between, and one decoder for all (paper Eq. 9)."""
+
+    def __init__(self, box: Box, frames: int, unit: float, *, generator: torch.Generator):
+        super().__init__(box, frames, unit)
+        nx, ny, nz = box.cells(VOXELS)
+        self.features = nn.Parameter(SPREAD * torch.randn((frames, CHANNELS, nz, ny, nx), generator=generator))
+        self.decoder = Decoder(CHANNELS, 3, generator=generator)
+
+    def forward(self, x: Tensor, t: Tensor) -> Tensor:
+        where = self.box.unit(x)[None, None, None].expand(len(t), -1, -1, -1, -1)
+        found = nn.functional.grid_sample(self.features[t], where, mode="bilinear", padding_mode="border", align_corners=True)
+        return self.unit * self.decoder(found[:, :, 0, 0].transpose(1, 2))
+
+
+class PlaneForce(ForceField):
+    """A triplane over x, y and time, and a decoder (paper A.8): the same through the thickness, smooth in time."""
+
+    def __init__(self, box: Box, frames: int, unit: float, *, generator: torch.Generator):
+        super().__init__(box, frames, unit)
+        nx, ny, _ = box.cells(PLANE_NODES)
+        self.features = Triplane((nx, ny, max(frames, 2)), channels=CHANNELS, generator=generator)
+        self.decoder = Decoder(CHANNELS, 3, generator=generator)
+
+    def forward(self, x: Tensor, t: Tensor) -> Tensor:
+        place = self.box.unit(x)[:, :2]
+        time = 2 * t.to(x) / max(self.frames - 1, 1) - 1
+        u = torch.cat([place[None].expand(len(t), -1, -1), time[:, None, None].expand(-1, len(x), 1)], -1)
+        return self.unit * self.decoder(self.features(u.flatten(0, 1))).unflatten(0, (len(t), len(x)))
+
+
+FORCE_FIELDS: dict[str, Callable[..., ForceField]] = {"frame": FrameForce, "modes": ModalForce, "voxels": VoxelForce, "planes": PlaneForce}
