@@ -27,7 +27,7 @@ from .world import Variant
 @cache
 def adjoint(variant: Variant) -> SimpleNamespace:
     """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint."""
-    real, lanes, bordered, pitch = variant.real, variant.lanes, variant.bordered, variant.pitch
+    real, bordered, pitch = variant.real, variant.bordered, variant.pitch
     model, t, momentum_field = law_of(variant.law, real), common(real), forward(variant).momentum_field
     stress_adjoint, viscous_stress_adjoint, project_adjoint = model.stress_adjoint, model.viscous_stress_adjoint, model.project_adjoint
     vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
@@ -35,12 +35,11 @@ def adjoint(variant: Variant) -> SimpleNamespace:
     get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
     Borders, meet_adjoint = contact(real, bordered).Borders, contact(real, bordered).meet_adjoint
-    scatter_slope = transfer(real, lanes, scatters=True, slopes=True, pitch=pitch)
-    gather_slope = transfer(real, lanes, gathers=True, slopes=True, loaded=variant.nodal)
+    scatter_slope = transfer(real, scatters=True, slopes=True, pitch=pitch)
+    gather_slope = transfer(real, gathers=True, slopes=True, loaded=variant.nodal)
 
     @wp.func
     def g2p_adjoint(
-        lane: int,
         lattice: Lattice,
         particle: Particle,
         following: Particle,
@@ -60,7 +59,7 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(particle.F)))
         field = affine(bar.v + lattice.dt * bar.x, real(0.0), Q)
         stencil = around(lattice, cell(lattice, particle.x))
-        _, slope = scatter_slope(lane, stencil, field, velocity, at, velocity_bar, Load())
+        _, slope = scatter_slope(stencil, field, velocity, at, velocity_bar, Load())
         x_bar = bar.x + (slope - wp.transpose(Q) * following.v) / lattice.dx
         return Particle(x_bar, vec3(), mat33(), F_bar + lattice.dt * (wp.transpose(following.C) * F_bar)), material_bar
 
@@ -100,7 +99,6 @@ def adjoint(variant: Variant) -> SimpleNamespace:
 
     @wp.func
     def p2g_adjoint(
-        lane: int,
         lattice: Lattice,
         particle: Particle,
         material: Material,
@@ -115,7 +113,7 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         field = momentum_field(lattice, particle, material)
         load = Load(impulse, node_force, node_force_bar)
         stencil = around(lattice, cell(lattice, particle.x))
-        moments, slope = gather_slope(lane, stencil, field, momentum_bar, 0, momentum_bar, load)
+        moments, slope = gather_slope(stencil, field, momentum_bar, 0, momentum_bar, load)
         b_bar = lower(moments.b)
         A_bar = lattice.dx * gradient(moments)
         tau_bar = (-lattice.affine * impulse) * A_bar

@@ -27,7 +27,7 @@ LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep *
 @cache
 def forward(variant: Variant) -> SimpleNamespace:
     """Warp functions p2g, grid, g2p, check."""
-    real, lanes, bordered, pitch = variant.real, variant.lanes, variant.bordered, variant.pitch
+    real, bordered, pitch = variant.real, variant.bordered, variant.pitch
     model, t = law_of(variant.law, real), common(real)
     stress, viscous_stress, project = model.stress, model.viscous_stress, model.project
     vec3, vec4, Lattice, Particle, Material, Affine = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material, t.Affine
@@ -35,7 +35,7 @@ def forward(variant: Variant) -> SimpleNamespace:
     get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
     Borders, meet = contact(real, bordered).Borders, contact(real, bordered).meet
-    scatter, gather = transfer(real, lanes, scatters=True, loaded=variant.nodal), transfer(real, lanes, gathers=True, pitch=pitch)
+    scatter, gather = transfer(real, scatters=True, loaded=variant.nodal), transfer(real, gathers=True, pitch=pitch)
 
     @wp.func
     def momentum_field(lattice: Lattice, particle: Particle, material: Material):
@@ -49,7 +49,6 @@ def forward(variant: Variant) -> SimpleNamespace:
 
     @wp.func
     def p2g(
-        lane: int,
         lattice: Lattice,
         particle: Particle,
         material: Material,
@@ -60,7 +59,7 @@ def forward(variant: Variant) -> SimpleNamespace:
         load.factor = lattice.dt * material.volume
         load.force = node_force
         stencil = around(lattice, cell(lattice, particle.x))
-        scatter(lane, stencil, momentum_field(lattice, particle, material), momentum, 0, momentum, load)
+        scatter(stencil, momentum_field(lattice, particle, material), momentum, 0, momentum, load)
 
     @wp.func
     def grid(
@@ -94,9 +93,9 @@ def forward(variant: Variant) -> SimpleNamespace:
             put(velocity, place, lift(meet(lattice, borders, substep, n, v, velocity, place + 2), scale))
 
     @wp.func
-    def g2p(lane: int, lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
+    def g2p(lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
         stencil = around(lattice, cell(lattice, particle.x))
-        moments, _ = gather(lane, stencil, Affine(), velocity, at, velocity, Load())
+        moments, _ = gather(stencil, Affine(), velocity, at, velocity, Load())
         v = lower(moments.b)
         C = (lattice.affine * lattice.dx) * gradient(moments)
         F = particle.F + lattice.dt * (C * particle.F)

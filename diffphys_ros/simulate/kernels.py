@@ -16,7 +16,6 @@ from .adjoint import adjoint
 from .approach import approach
 from .common import common
 from .forward import forward
-from .lanes import sharing
 from .world import Variant, world_of
 
 # Warp reads annotations as values, which mypy cannot:
@@ -40,17 +39,15 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
     tell = approach(variant.real).tell if variant.planes else None
 
     @wp.func
-    def begin(p: int, lane: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
+    def begin(p: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
         particle, material = load(states, slot, p), material_of(world.materials, p)
-        p2g(lane, lattice, particle, material, world.materials.node_force, momentum)
-        if wp.static(tell is not None):  # noqa: SIM102 (static: compiled or not)
-            if lane == 0:
-                tell(lattice, particle.x, material.volume, world.borders)
+        p2g(lattice, particle, material, world.materials.node_force, momentum)
+        if wp.static(tell is not None):
+            tell(lattice, particle.x, material.volume, world.borders)
 
     @wp.func
     def advance(
         p: int,
-        lane: int,
         lattice: t.Lattice,
         slot: int,
         next_slot: int,
@@ -64,15 +61,13 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
         flags: wp.array(dtype=wp.int64),
     ):
         material = material_of(world.materials, p)
-        after = g2p(lane, lattice, load(states, slot, p), material, at, velocity)
-        if lane == 0:
-            store(states, next_slot, p, after)
-            check(p, world.particles, lattice, after, substep, flags)
+        after = g2p(lattice, load(states, slot, p), material, at, velocity)
+        store(states, next_slot, p, after)
+        check(p, world.particles, lattice, after, substep, flags)
         if not ends:
-            p2g(lane, lattice, after, material, world.materials.node_force, momentum)
-            if wp.static(tell is not None):  # noqa: SIM102
-                if lane == 0:
-                    tell(lattice, after.x, material.volume, world.borders)
+            p2g(lattice, after, material, world.materials.node_force, momentum)
+            if wp.static(tell is not None):
+                tell(lattice, after.x, material.volume, world.borders)
 
     return SimpleNamespace(begin=begin, advance=advance)
 
@@ -88,7 +83,6 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     @wp.func
     def enter(
         p: int,
-        lane: int,
         lattice: t.Lattice,
         slot: int,
         at: int,
@@ -101,15 +95,13 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     ):
         before, after = load(states, slot, p), load(states, slot + 1, p)
         material, share = material_of(world.materials, p), material_of(world_bar.materials, p)
-        bar, material_bar = g2p_adjoint(lane, lattice, before, after, material, at, velocity, load(bars, 0, p), share, velocity_bar)
-        if lane == 0:
-            store(bars, 0, p, bar)
-            put_material(world_bar.materials, p, material_bar)
+        bar, material_bar = g2p_adjoint(lattice, before, after, material, at, velocity, load(bars, 0, p), share, velocity_bar)
+        store(bars, 0, p, bar)
+        put_material(world_bar.materials, p, material_bar)
 
     @wp.func
     def retreat(
         p: int,
-        lane: int,
         lattice: t.Lattice,
         slot: int,
         at: int,
@@ -124,15 +116,14 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
         material, particle = material_of(world.materials, p), load(states, slot, p)
         force, force_bar = world.materials.node_force, world_bar.materials.node_force
         bar, share = load(bars, 0, p), material_of(world_bar.materials, p)
-        bar, share = p2g_adjoint(lane, lattice, particle, material, force, momentum_bar, bar, share, force_bar)
+        bar, share = p2g_adjoint(lattice, particle, material, force, momentum_bar, bar, share, force_bar)
         if wp.static(tell_adjoint is not None):
             bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)
         if slot > 0:
             before = load(states, slot - 1, p)
-            bar, share = g2p_adjoint(lane, lattice, before, particle, material, at, velocity, bar, share, velocity_bar)
-        if lane == 0:
-            store(bars, 0, p, bar)
-            put_material(world_bar.materials, p, share)
+            bar, share = g2p_adjoint(lattice, before, particle, material, at, velocity, bar, share, velocity_bar)
+        store(bars, 0, p, bar)
+        put_material(world_bar.materials, p, share)
 
     return SimpleNamespace(enter=enter, retreat=retreat)
 
@@ -162,7 +153,7 @@ def serial_forward(variant: Variant) -> Any:
         lattice, drag = lattice_of(world, simulation), world.drag[simulation]
         first = simulation * world.particles
         for p in range(first, first + world.particles):
-            begin(p, 0, lattice, 0, world, states, momentum)
+            begin(p, lattice, 0, world, states, momentum)
         for n in range(count):
             slot, next_slot = n, n + 1
             if keep == 0:
@@ -171,7 +162,7 @@ def serial_forward(variant: Variant) -> Any:
             for i in range(lattice.nx * lattice.ny * lattice.nz):
                 grid(i, lattice, slot * stride, substep, drag, world.borders, momentum, velocity)
             for p in range(first, first + world.particles):
-                advance(p, 0, lattice, slot, next_slot, substep, ends, slot * stride, world, velocity, states, momentum, flags)
+                advance(p, lattice, slot, next_slot, substep, ends, slot * stride, world, velocity, states, momentum, flags)
 
     return run
 
@@ -224,31 +215,30 @@ def serial_adjoint(variant: Variant) -> Any:
                     )
             if stride == 0 and slot > 0:
                 for p in range(first, first + world.particles):
-                    begin(p, 0, lattice, slot - 1, world, states, momentum)
+                    begin(p, lattice, slot - 1, world, states, momentum)
                 for i in range(nodes):
                     grid(i, lattice, 0, world.start[0] + slot - 1, drag, world.borders, momentum, velocity)
             for p in range(first, first + world.particles):
                 if slot == count:
-                    enter(p, 0, lattice, slot - 1, at, world, states, velocity, bars, world_bar, velocity_bar)
+                    enter(p, lattice, slot - 1, at, world, states, velocity, bars, world_bar, velocity_bar)
                 else:
-                    retreat(p, 0, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
+                    retreat(p, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
 
     return reverse
 
 
 @cache
 def parallel_forward(variant: Variant) -> SimpleNamespace:
-    """Kernels begin and advance over threads of particles, grid over (simulations, nodes of a box)."""
+    """Kernels begin and advance over particles, grid over (simulations, nodes of a box)."""
     grid_of, part, t = forward(variant).grid, particle_forward(variant), common(variant.real)
     World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
-    begin_of, advance_of, seat = part.begin, part.advance, sharing(variant.real, variant.lanes).seat
+    begin_of, advance_of = part.begin, part.advance
     of_module = kernel("parallel_forward", variant)
 
     @of_module
     def begin(slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
-        p, lane = seat(wp.tid(), states.shape[1] // 6)
-        if p >= 0:
-            begin_of(p, lane, lattice_of(world, p // world.particles), slot, world, states, momentum)
+        p = wp.tid()
+        begin_of(p, lattice_of(world, p // world.particles), slot, world, states, momentum)
 
     @of_module
     def grid(at: int, n: int, world: World, momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
@@ -270,21 +260,20 @@ def parallel_forward(variant: Variant) -> SimpleNamespace:
         momentum: wp.array(dtype=t.vec4),
         flags: wp.array(dtype=wp.int64),
     ):
-        p, lane = seat(wp.tid(), states.shape[1] // 6)
-        if p >= 0:
-            lattice = lattice_of(world, p // world.particles)
-            substep = world.start[0] + n
-            advance_of(p, lane, lattice, slot, next_slot, substep, ends != 0, at, world, velocity, states, momentum, flags)
+        p = wp.tid()
+        lattice = lattice_of(world, p // world.particles)
+        substep = world.start[0] + n
+        advance_of(p, lattice, slot, next_slot, substep, ends != 0, at, world, velocity, states, momentum, flags)
 
     return SimpleNamespace(begin=begin, grid=grid, advance=advance)
 
 
 @cache
 def parallel_adjoint(variant: Variant) -> SimpleNamespace:
-    """Kernels enter and retreat over threads of particles, grid_adjoint over (simulations, nodes of a box)."""
+    """Kernels enter and retreat over particles, grid_adjoint over (simulations, nodes of a box)."""
     grid_of, part, t = adjoint(variant).grid_adjoint, particle_adjoint(variant), common(variant.real)
     World, lattice_of = world_of(variant.real, variant.bordered).World, world_of(variant.real, variant.bordered).lattice_of
-    enter_of, retreat_of, seat = part.enter, part.retreat, sharing(variant.real, variant.lanes).seat
+    enter_of, retreat_of = part.enter, part.retreat
     of_module = kernel("parallel_adjoint", variant)
 
     @of_module
@@ -298,10 +287,9 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
         world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        p, lane = seat(wp.tid(), states.shape[1] // 6)
-        if p >= 0:
-            lattice = lattice_of(world, p // world.particles)
-            enter_of(p, lane, lattice, slot, at, world, states, velocity, bars, world_bar, velocity_bar)
+        p = wp.tid()
+        lattice = lattice_of(world, p // world.particles)
+        enter_of(p, lattice, slot, at, world, states, velocity, bars, world_bar, velocity_bar)
 
     @of_module
     def grid_adjoint(
@@ -331,9 +319,8 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
         world_bar: World,
         velocity_bar: wp.array(dtype=t.vec4),
     ):
-        p, lane = seat(wp.tid(), states.shape[1] // 6)
-        if p >= 0:
-            lattice = lattice_of(world, p // world.particles)
-            retreat_of(p, lane, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
+        p = wp.tid()
+        lattice = lattice_of(world, p // world.particles)
+        retreat_of(p, lattice, slot, at, world, states, velocity, momentum_bar, bars, world_bar, velocity_bar)
 
     return SimpleNamespace(enter=enter, grid_adjoint=grid_adjoint, retreat=retreat)

@@ -1,4 +1,4 @@
-"""Arithmetic on 4-vectors, and the work that several CUDA threads share over one particle.
+"""Arithmetic on 4-vectors that stays in one vector register on the CPU, and moves of them in one piece on CUDA.
 
 A plain Warp expression over vec4 reaches LLVM as sixteen scalars, which its vectoriser only half puts together again
 (adjoint loops ran two times slower). These snippets say it in clang's vector type. On CUDA they are plain arithmetic,
@@ -11,9 +11,6 @@ import warp as wp
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
-
-WARP = 32  # CUDA threads that run in step
-FEW = 20000  # particles below which a chip is not filled by one thread each
 
 LOAD = """
 #if defined(__CUDA_ARCH__)
@@ -67,36 +64,6 @@ SCATTER = """
 #endif
 """
 
-# Sums over the threads of a particle, in the same order in each of them.
-SHARE = {
-    1: "return a;",
-    3: """
-#if defined(__CUDA_ARCH__)
-    int first = (threadIdx.x & 31) / 3 * 3;
-    return __shfl_sync(~0u, a, first) + __shfl_sync(~0u, a, first + 1) + __shfl_sync(~0u, a, first + 2);
-#else
-    return a;
-#endif
-""",
-    9: """
-#if defined(__CUDA_ARCH__)
-    int lane = threadIdx.x & 31, row = lane / 3 * 3, column = lane / 9 * 9 + lane % 3;
-    a = __shfl_sync(~0u, a, row) + __shfl_sync(~0u, a, row + 1) + __shfl_sync(~0u, a, row + 2);
-    return __shfl_sync(~0u, a, column) + __shfl_sync(~0u, a, column + 3) + __shfl_sync(~0u, a, column + 6);
-#else
-    return a;
-#endif
-""",
-}
-
-
-def threads(particles: int, lanes: int) -> int:
-    """CUDA threads for a number of particles that `lanes` threads share each: whole groups within a warp."""
-    if lanes == 1:
-        return particles
-    groups = WARP // lanes
-    return -(-particles // groups) * WARP
-
 
 def build(real: type) -> SimpleNamespace:
     """Functions over scalar type `real`: scaled, madd, madd_each; get, put, scatter (on nodes); recall, keep (in slots)."""
@@ -132,29 +99,3 @@ def build(real: type) -> SimpleNamespace:
     def scatter(nodes: wp.array(dtype=vec4), n: int, s: real, a: vec4): ...
 
     return SimpleNamespace(scaled=scaled, madd=madd, madd_each=madd_each, get=get, put=put, recall=recall, keep=keep, scatter=scatter)
-
-
-def sharing(real: type, lanes: int) -> SimpleNamespace:
-    """For `lanes` threads a particle: `seat(thread, particles)` -> (particle or -1, lane), and `share(a)`, the sum over them."""
-
-    @wp.func
-    def seat(thread: int, particles: int):
-        if wp.static(lanes == 1):
-            return thread, 0
-        groups = wp.static(WARP // lanes)
-        within = thread % wp.static(WARP)
-        group = within // wp.static(lanes)
-        p = thread // wp.static(WARP) * groups + group
-        if group >= groups or p >= particles:
-            p = -1
-        return p, within % wp.static(lanes)
-
-    @wp.func_native(SHARE[lanes])
-    def share(a: real) -> real: ...
-
-    return SimpleNamespace(seat=seat, share=share)
-
-
-def lanes_for(particles: int) -> int:
-    """How many CUDA threads best share a particle, by the number of particles of all simulations."""
-    return 9 if particles < FEW else 1

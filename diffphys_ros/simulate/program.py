@@ -15,11 +15,10 @@ from torch import Tensor
 
 from .box import enclosing
 from .kernels import parallel_adjoint, parallel_forward, serial_adjoint, serial_forward
-from .lanes import threads
 from .scratch import Scratch
 from .world import Variant
 
-BLOCK = 64  # CUDA threads of a block: small blocks spread a small body over the chip
+FEW, SMALL_BLOCK, BLOCK = 20_000, 32, 64  # particles up to which small blocks (of CUDA threads) spread a body over the chip
 
 
 @dataclass
@@ -58,7 +57,8 @@ class View:
 
     def launch(self, kernel: Any, dim: Any, inputs: list[Any]) -> wp.Launch:
         """A recorded launch."""
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True, block_dim=BLOCK)
+        block = SMALL_BLOCK if self.scratch.batch * len(self.scratch.volume) <= FEW else BLOCK
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=str(self.device), record_cmd=True, block_dim=block)
 
     def _velocity(self, kept: bool) -> Any:
         return self.scratch.see(self.velocity if kept else self.scratch.velocity, 4)
@@ -161,21 +161,21 @@ class Parallel:
     def _forward(self, kept: bool, room: int) -> list[wp.Launch]:
         v, s, k = self.view, self.view.scratch, parallel_forward(self.view.variant)
         states, momentum, velocity, flags = v.forward(kept)
-        seats = threads(s.batch * len(s.volume), v.variant.lanes)
+        count = s.batch * len(s.volume)
         return [
-            v.launch(k.begin, seats, [0, s.world, states, momentum]),
+            v.launch(k.begin, count, [0, s.world, states, momentum]),
             v.launch(k.grid, (s.batch, room), [0, 0, s.world, momentum, velocity]),
-            v.launch(k.advance, seats, [0, 0, 0, 0, 0, s.world, velocity, states, momentum, flags]),
+            v.launch(k.advance, count, [0, 0, 0, 0, 0, s.world, velocity, states, momentum, flags]),
         ]
 
     def _adjoint(self, kept: bool, room: int) -> list[wp.Launch]:
         v, s, k = self.view, self.view.scratch, parallel_adjoint(self.view.variant)
         states, _, velocity, bars, world_bar, velocity_bar, momentum_bar = v.adjoint(kept)
-        seats = threads(s.batch * len(s.volume), v.variant.lanes)
+        count = s.batch * len(s.volume)
         return [
-            v.launch(k.enter, seats, [0, 0, s.world, states, velocity, bars, world_bar, velocity_bar]),
+            v.launch(k.enter, count, [0, 0, s.world, states, velocity, bars, world_bar, velocity_bar]),
             v.launch(k.grid_adjoint, (s.batch, room), [0, 0, s.world, velocity, world_bar, velocity_bar, momentum_bar]),
-            v.launch(k.retreat, seats, [0, 0, s.world, states, velocity, momentum_bar, bars, world_bar, velocity_bar]),
+            v.launch(k.retreat, count, [0, 0, s.world, states, velocity, momentum_bar, bars, world_bar, velocity_bar]),
         ]
 
     def _play(self, key: tuple[Any, ...], steps: Callable[[], Iterable[tuple[wp.Launch, dict[int, int]]]]) -> None:

@@ -13,7 +13,6 @@ from torch import Tensor
 from ..types import Grid
 from .borders import Borders
 from .box import NO_FLAG, rest_nodes
-from .lanes import lanes_for
 from .plan import NODE_VALUES, Plan
 from .program import PROGRAMS
 from .scratch import Inputs, Scratch
@@ -35,9 +34,9 @@ class Lease:
 
 @dataclass(frozen=True)
 class Place:
-    """The boxes that a frame ran on, `room` nodes apart, and its tape where one was kept."""
+    """The boxes that a frame ran on, `room` nodes apart, and its tape where one was kept; no boxes without gradients."""
 
-    boxes: Tensor
+    boxes: Tensor | None
     room: int
     lease: Lease | None
 
@@ -75,10 +74,10 @@ class Replay:
         self.scratch = Scratch(
             volume, grid, batch=batch, mean_mass=mean_mass, frame_s=period_s, nodal=nodal, borders=borders, substeps=substeps
         )
-        lanes = 1 if volume.device.type == "cpu" else lanes_for(batch * len(volume))
-        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes, lanes)
+        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes)
         self.whole_nodes = math.prod(grid.size)
         self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
+        self._present: Tensor | None = None  # the boxes that scratch holds, where a frame remembers them
         self.free: list[Tape] = []
         self.lent = 0
         self.once = self._tape(1, room=0)  # for runs that keep nothing
@@ -101,11 +100,13 @@ class Replay:
             after = self._attempt(tape, room, data, values, keep=lease is not None)
             flagged, _ = self._status()
         self.flagged = flagged
-        return after.clone(), Place(self.scratch.boxes.clone(), room, lease)
+        self._present = self.scratch.boxes.clone() if keep else None
+        return after.clone(), Place(self._present, room, lease)
 
     def backward(self, data: Tensor, values: tuple[Tensor, ...], next_bar: Tensor, place: Place) -> tuple[Tensor, Inputs]:
         """Adjoint of the states (B, P, 24) before the frame, and of the inputs (overwritten by the next call)."""
-        self.scratch.begin_backward(values, place.boxes, next_bar)
+        self.scratch.begin_backward(values, None if place.boxes is self._present else place.boxes, next_bar)
+        self._present = place.boxes
         lease = place.lease
         if lease and lease.give_back.alive:
             lease.tape.reverse(0, self.substeps, room=place.room)
@@ -134,7 +135,7 @@ class Replay:
         everything = room == self.whole_nodes
         self.scratch.reserve(room)
         self.scratch.begin_forward(values, self.scratch.whole if everything else None)
-        self._last = Run(tape, data, keep)
+        self._last, self._present = Run(tape, data, keep), None
         return tape.run(data, 0, self.substeps, keep=keep, room=room, enclose=not everything)
 
     def _status(self) -> tuple[bool, int]:

@@ -110,10 +110,11 @@ class Scratch:
             self.boxes.copy_(boxes)
             self.flags.fill_(NO_FLAG)
 
-    def begin_backward(self, values: tuple[Tensor, ...], boxes: Tensor, next_bar: Tensor) -> None:
-        """As begin_forward, for the adjoint of the states after the frame (B, P, 24)."""
+    def begin_backward(self, values: tuple[Tensor, ...], boxes: Tensor | None, next_bar: Tensor) -> None:
+        """As begin_forward, for the adjoint of the states after the frame (B, P, 24); boxes that are there already stay."""
         self._take(values)
-        self.boxes.copy_(boxes)
+        if boxes is not None:
+            self.boxes.copy_(boxes)
         self.state_bar.copy_(next_bar)
         self._grids[: 2 * len(self.momentum)].zero_()  # momentum and velocity_bar; nothing reads the rest before writing it
         for grid in (self.near, self.drag_bar):

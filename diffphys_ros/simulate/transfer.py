@@ -10,7 +10,7 @@ does any of the following in one pass over the nodes' 4-vectors:
 
 p2g scatters, g2p gathers; the adjoint of g2p scatters and slopes, that of p2g gathers and slopes. With `loaded`, h_i has
 a term c load_i more, c being the particle's factor and load a vector on the nodes; its adjoint is added up where moments
-are gathered. With `lanes` 3 or 9 that many CUDA threads share the 27 nodes, and all of them return the sums.
+are gathered.
 """
 
 from functools import cache
@@ -20,7 +20,6 @@ from typing import Any
 import warp as wp
 
 from .common import common
-from .lanes import sharing
 
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
@@ -79,44 +78,35 @@ def stencil(real: type) -> SimpleNamespace:
 
 @cache
 def transfer(
-    real: type, lanes: int, *, scatters: bool = False, gathers: bool = False, slopes: bool = False, loaded: bool = False, pitch: int = 1
+    real: type, *, scatters: bool = False, gathers: bool = False, slopes: bool = False, loaded: bool = False, pitch: int = 1
 ) -> Any:
-    """Warp function (lane, stencil, field, nodes, at, into, load) -> (moments, slope); `nodes` are read from index `at` on,
+    """Warp function (stencil, field, nodes, at, into, load) -> (moments, slope); `nodes` are read from index `at` on,
     every `pitch`-th of them.
 
     The stencil is unrolled along k by hand: what is affine in k costs one addition."""
-    t, s, share = common(real), stencil(real), sharing(real, lanes).share
+    t, s = common(real), stencil(real)
     vec3, vec4, Affine, Stencil, Load = t.vec3, t.vec4, t.Affine, s.Stencil, s.Load
     weight, slope_of, scaled, madd, madd_each = s.weight, s.slope, t.scaled, t.madd, t.madd_each
     get, scatter, lift, lower = t.get, t.scatter, t.lift, t.lower
-    reads, rows, columns = gathers or slopes, 1 if lanes == 9 else 3, 3 if lanes == 1 else 1
+    reads = gathers or slopes
 
     @wp.func
     def total(a: vec4):
-        return share(a[0] + a[1] + a[2] + a[3])
+        return a[0] + a[1] + a[2] + a[3]
 
     @wp.func
-    def shared(a: vec4):
-        return vec4(share(a[0]), share(a[1]), share(a[2]), real(0.0))
-
-    @wp.func
-    def visit(lane: int, stencil: Stencil, field: Affine, nodes: wp.array(dtype=vec4), at: int, into: wp.array(dtype=vec4), load: Load):
+    def visit(stencil: Stencil, field: Affine, nodes: wp.array(dtype=vec4), at: int, into: wp.array(dtype=vec4), load: Load):
         f = stencil.f
         wz0, wz1, wz2 = weight(f[2], 0), weight(f[2], 1), weight(f[2], 2)
         one, two = real(1.0), real(2.0)
+        step = vec3(real(0.0), one, two)
         moments = Affine()
         gx, gy, gz = vec4(), vec4(), vec4()
-        for row in range(wp.static(rows)):
-            i = row
-            if wp.static(lanes == 9):
-                i = lane // 3
-            wx, dx = weight(f[0], i), real(i) - f[0]
+        for i in range(3):
+            wx, dx = weight(f[0], i), step[i] - f[0]
             hi = madd(madd(field.b, dx, field.x), -f[2], field.z)
-            for column in range(wp.static(columns)):
-                j = column
-                if wp.static(lanes > 1):
-                    j = lane % 3
-                wy, dy = weight(f[1], j), real(j) - f[1]
+            for j in range(3):
+                wy, dy = weight(f[1], j), step[j] - f[1]
                 n = stencil.first + (i * stencil.ny + j) * stencil.nz
                 w = wx * wy
                 h0 = madd(hi, dy, field.y)
@@ -155,10 +145,6 @@ def transfer(
                     wp.atomic_add(load.bar, n, (load.factor * w * wz0) * lower(v0))
                     wp.atomic_add(load.bar, n + 1, (load.factor * w * wz1) * lower(v1))
                     wp.atomic_add(load.bar, n + 2, (load.factor * w * wz2) * lower(v2))
-        if wp.static(gathers and lanes > 1):
-            mass = share(moments.b[3])
-            moments = Affine(shared(moments.b), shared(moments.x), shared(moments.y), shared(moments.z))
-            moments.b[3] = mass
         moments.z = madd(moments.z, -f[2], moments.b)
         slope = vec3()
         if wp.static(slopes):

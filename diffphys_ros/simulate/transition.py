@@ -249,9 +249,10 @@ class Simulator:
 
     def _drag(self, mass_damping: Tensor | float) -> Tensor:
         """Share of velocity that mass damping leaves after one substep, shape (B,)."""
-        alpha = mass_damping if isinstance(mass_damping, Tensor) else torch.full((), mass_damping, **self.options)
-        alpha = alpha.to(**self.options)
-        return self._each(torch.exp(-alpha * (self.period_s / self.substeps)))
+        dt = self.period_s / self.substeps
+        if not isinstance(mass_damping, Tensor):
+            return torch.full((self.batch,), math.exp(-mass_damping * dt), **self.options)
+        return self._each(torch.exp(-dt * mass_damping.to(**self.options)))
 
     def _paths(self, poses: Tensor | None, frames: int) -> Sequence[Tensor | None]:
         """Poses at the substep boundaries of every frame."""

@@ -22,7 +22,6 @@ class Variant:
     nodal: bool  # a force density on the nodes acts too
     bordered: bool  # nodes meet planes and a handle
     planes: int  # that nodes have places for
-    lanes: int  # threads that share a particle: 1, 3 or 9; one on a CPU
 
     @property
     def pitch(self) -> int:
@@ -33,7 +32,7 @@ class Variant:
     def label(self) -> str:
         """Name of the variant in module names."""
         flags = "_nodal" * self.nodal + f"_bordered_{self.planes}" * self.bordered
-        return f"{self.law}_{self.real.__name__}_{self.lanes}{flags}"
+        return f"{self.law}_{self.real.__name__}{flags}"
 
 
 @cache

@@ -32,8 +32,8 @@ def stacked(law: Law, young: Tensor, poisson: Tensor, given: Given, like: Tensor
     mu = young / (2 * (1 + poisson))
     lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     own = [given.get(p.name, p.default) for p in law.parameters]
-    values = [mu, lam, *own, *[0.0] * (CONSTANTS - 2 - len(own))]
-    return torch.stack([_number(v, like).expand_as(like) for v in values], -1)
+    known = torch.stack([_number(v, like).expand_as(like) for v in (mu, lam, *own)], -1)
+    return torch.nn.functional.pad(known, (0, CONSTANTS - known.shape[-1]))
 
 
 def _number(value: float | np.ndarray | Tensor, like: Tensor) -> Tensor:
