@@ -12,9 +12,9 @@ NODE_VALUES = 4  # scalars per node of a velocity grid
 class Plan:
     """Sizes of the tapes. A tape holds the states of `chunk` + 1 consecutive substeps.
 
-    Three levels, by what fits the budget: the tapes of `kept` frames stay from the forward to the backward pass, which
-    then replays nothing; every other frame is replayed whole (chunk = substeps), with the nodal velocities beside the
-    states where they fit too; else it is replayed from `marks` a chunk of ceil(sqrt(substeps)) at a time.
+    Three levels, by what fits the budget: states and nodal velocities of `kept` frames, which stay from the forward to the
+    backward pass and are not replayed (other frames take one of these tapes over); the states of one frame, which is
+    replayed whole (chunk = substeps); else a frame is replayed from `marks` a chunk of ceil(sqrt(substeps)) at a time.
     """
 
     substeps: int
@@ -28,7 +28,7 @@ class Plan:
         states = (substeps + 1) * state
         whole = states + substeps * velocity
         if whole <= budget:
-            return cls(substeps, substeps, True, int(budget // whole) - 1)
+            return cls(substeps, substeps, True, int(budget // whole))
         if states <= budget:
             return cls(substeps, substeps, False, 0)
         return cls(substeps, math.ceil(math.sqrt(substeps)), False, 0)

@@ -32,6 +32,12 @@ class Lease:
         self.give_back.atexit = False
 
 
+def _alive(known: weakref.ref[Lease]) -> Lease | None:
+    """The lease, unless its tape is back."""
+    lease = known()
+    return lease if lease and lease.give_back.alive else None
+
+
 @dataclass(frozen=True)
 class Place:
     """The boxes that a frame ran on, `room` nodes apart, and its tape where one was kept; no boxes without gradients."""
@@ -80,6 +86,7 @@ class Replay:
         self._present: Tensor | None = None  # the boxes that scratch holds, where a frame remembers them
         self.free: list[Tape] = []
         self.lent = 0
+        self._leases: list[weakref.ref[Lease]] = []  # in the order in which frames ran
         self.once = self._tape(1, room=0)  # for runs that keep nothing
         self._make_room(self.whole_nodes if nodal else rest_nodes(grid, x_rest.cpu().numpy()))
 
@@ -118,7 +125,7 @@ class Replay:
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
-        return per_tape * (1 + self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + self.scratch.bytes()
+        return per_tape * max(1, self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + self.scratch.bytes()
 
     def first_flag(self) -> tuple[int, int, np.ndarray]:
         """Of the last frame: the first simulation that left its bounds, the code of its flag and the position [m] (3,) of the
@@ -171,19 +178,36 @@ class Replay:
             tape.reverse(start, stop, room=room)
 
     def _replay_tape(self) -> Tape:
+        """One to replay a frame on: a kept one that is free or, where all are lent, taken back from the frame that would
+        need it last; that frame is replayed in turn."""
+        if self.plan.kept:
+            lent = next((lease for lease in map(_alive, self._leases) if lease), None)
+            if not self.free and lent:
+                lent.give_back()
+            elif not self.free:
+                self._add_tape()
+            return self.free[-1]
         if self._chunk_tape is None:
-            self._chunk_tape = self._tape(self.plan.chunk, room=self.room * self.plan.keep_velocity)
+            self._chunk_tape = self._tape(self.plan.chunk, room=0)
             self._marks = self.scratch.volume.new_zeros(max(self.plan.marks - 1, 0), *self.once.states.shape[1:])
         return self._chunk_tape
 
     def _lend(self) -> Lease | None:
+        """A tape for a frame to keep, if there is one."""
         fitting = [tape for tape in self.free if tape.room == self.room]
         self.lent -= len(self.free) - len(fitting)
         self.free[:] = fitting
         if not self.free and self.lent < self.plan.kept:
-            self.lent += 1
-            self.free.append(self._tape(self.substeps, room=self.room))
-        return Lease(self.free.pop(), self.free) if self.free else None
+            self._add_tape()
+        if not self.free:
+            return None
+        lease = Lease(self.free.pop(), self.free)
+        self._leases = [known for known in self._leases if _alive(known)] + [weakref.ref(lease)]
+        return lease
+
+    def _add_tape(self) -> None:
+        self.lent += 1
+        self.free.append(self._tape(self.substeps, room=self.room))
 
     def _tape(self, length: int, *, room: int) -> Tape:
         program = PROGRAMS[self.scratch.volume.device.type]
