@@ -42,7 +42,7 @@ def rest_nodes(grid: Grid, x: np.ndarray) -> int:
 @cache
 def enclosing(real: type, bordered: bool) -> SimpleNamespace:
     """Kernels `reach`, over particles, and `settle`, over simulations: boxes with room to move for a frame at the speeds at
-    its start, and a cell more. A box of more nodes than `room`, or of too few, is empty instead, so that a flag rises; the last entry of
+    its start, and a cell more. A box of more nodes than `room`, or of too few, is a single node instead, so that a flag rises; the last entry of
     `flags` says how many the largest would need."""
     t, World = common(real), world_of(real, bordered).World
     nowhere, no_flag = wp.constant(wp.int32(NOWHERE[0])), wp.constant(wp.int64(NO_FLAG))
@@ -86,7 +86,7 @@ def enclosing(real: type, bordered: bool) -> SimpleNamespace:
         size = high - low + wp.vec3i(1, 1, 1)
         nodes = size[0] * size[1] * size[2]
         if nodes > room or wp.min(size) < 3:
-            size = wp.vec3i(0, 0, 0)
+            size = wp.vec3i(1, 1, 1)
         for axis in range(3):
             extents[simulation, axis] = nowhere
             extents[simulation, 3 + axis] = -1

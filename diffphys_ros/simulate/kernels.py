@@ -241,11 +241,11 @@ def parallel_forward(variant: Variant) -> SimpleNamespace:
         begin_of(p, lattice_of(world, p // world.particles), slot, world, states, momentum)
 
     @of_module
-    def grid(at: int, n: int, world: World, momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
+    def grid(at: int, n: int, room: int, world: World, momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
         simulation, i = wp.tid()
         lattice = lattice_of(world, simulation)
-        if i < lattice.nx * lattice.ny * lattice.nz:
-            grid_of(i, lattice, at, world.start[0] + n, world.drag[simulation], world.borders, momentum, velocity)
+        lattice.base = simulation * room  # as in its box, but known before that is loaded; nodes past the box are empty
+        grid_of(i, lattice, at, world.start[0] + n, world.drag[simulation], world.borders, momentum, velocity)
 
     @of_module
     def advance(
@@ -295,6 +295,7 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
     def grid_adjoint(
         at: int,
         n: int,
+        room: int,
         world: World,
         velocity: wp.array(dtype=t.vec4),
         world_bar: World,
@@ -303,9 +304,9 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
     ):
         simulation, i = wp.tid()
         lattice = lattice_of(world, simulation)
-        if i < lattice.nx * lattice.ny * lattice.nz:
-            drag, substep = world.drag[simulation], world.start[0] + n
-            grid_of(i, lattice, at, substep, drag, world.borders, velocity, velocity_bar, momentum_bar, world_bar.drag, world_bar.borders)
+        lattice.base = simulation * room
+        drag, substep = world.drag[simulation], world.start[0] + n
+        grid_of(i, lattice, at, substep, drag, world.borders, velocity, velocity_bar, momentum_bar, world_bar.drag, world_bar.borders)
 
     @of_module
     def retreat(

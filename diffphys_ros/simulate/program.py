@@ -164,7 +164,7 @@ class Parallel:
         count = s.batch * len(s.volume)
         return [
             v.launch(k.begin, count, [0, s.world, states, momentum]),
-            v.launch(k.grid, (s.batch, room), [0, 0, s.world, momentum, velocity]),
+            v.launch(k.grid, (s.batch, room), [0, 0, room, s.world, momentum, velocity]),
             v.launch(k.advance, count, [0, 0, 0, 0, 0, s.world, velocity, states, momentum, flags]),
         ]
 
@@ -174,7 +174,7 @@ class Parallel:
         count = s.batch * len(s.volume)
         return [
             v.launch(k.enter, count, [0, 0, s.world, states, velocity, bars, world_bar, velocity_bar]),
-            v.launch(k.grid_adjoint, (s.batch, room), [0, 0, s.world, velocity, world_bar, velocity_bar, momentum_bar]),
+            v.launch(k.grid_adjoint, (s.batch, room), [0, 0, room, s.world, velocity, world_bar, velocity_bar, momentum_bar]),
             v.launch(k.retreat, count, [0, 0, s.world, states, velocity, momentum_bar, bars, world_bar, velocity_bar]),
         ]
 
