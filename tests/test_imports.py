@@ -15,7 +15,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config"}
-SHARED = {"correspondence", "local_plane", "footprints"}  # what several stages need alike; imports the ground alone
+SHARED = {"correspondence", "local_plane", "footprints", "pretrained"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses"}
 LEAVES = {"bags", "msg_schemas"}
 OUTPUT = {"store", "result", "report", "score"}
@@ -50,6 +50,7 @@ DOORS: dict[str, set[str]] = {
     "rosbags": {"bags"},
     "rerun": {"report/rerun_log.py"},
     "matplotlib": {"report/figure.py"},
+    "transformers": {"pretrained.py"},
     "mujoco": {"bags/maker"},
 }
 

@@ -6,21 +6,25 @@ import numpy as np
 
 from ..config import Settings
 from ..types import Camera, Clip
+from .plane import flat_depth
+from .scale import CLAMP, DepthSource, on_clamp
 
-ASSUMED_DISTANCE_M = 1.0
 LAYERS = 32  # steps through the thickness in the search for a side face
 
 
-def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, str]:
+def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, DepthSource]:
     """Depth [m] (H, W) of the object's pixels on a slab of the scene's thickness, and where its front plane comes from.
 
     Metric where clamp box, thickness axis and the camera's pose are known: the front lies across the axis, half a thickness before
-    the box's centre. Otherwise it lies one metre away, across the optical axis: everything metric is then assumed. Pixels whose ray
+    the box's centre. Otherwise it lies across the optical axis, where the known size puts it or one metre away: everything metric is
+    then assumed. Pixels whose ray
     meets the front beside the silhouette see a side face, and get the depth at which the ray enters the slab.
     """
     scene, camera = settings.scene, clip.camera
-    if scene.clamp_box_m is None or scene.thickness_axis is None or not camera.pose_known:
-        return np.where(mask, ASSUMED_DISTANCE_M, 0.0).astype(np.float32), f"assumed: a plane {ASSUMED_DISTANCE_M:g} m away"
+    if not on_clamp(clip, settings):
+        return flat_depth(clip, mask, settings)
+    assert scene.clamp_box_m is not None
+    assert scene.thickness_axis is not None
     centre = np.reshape(scene.clamp_box_m, (2, 3)).mean(0)
     axis = np.array(scene.thickness_axis, float) / np.linalg.norm(scene.thickness_axis)
     normal = axis * np.sign((camera.position - centre) @ axis)
@@ -29,7 +33,7 @@ def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np
     rays = camera.rays(np.stack([u, v], -1).astype(float))
     depth = np.zeros(mask.shape, np.float32)
     depth[v, u] = _entry(camera, rays, mask, centre + normal * thickness / 2, normal, thickness)
-    return depth, "inflated from the silhouette on the clamp's plane"
+    return depth, DepthSource("inflated from the silhouette on the clamp's plane", CLAMP)
 
 
 def _entry(camera: Camera, rays: np.ndarray, mask: np.ndarray, front: np.ndarray, normal: np.ndarray, thickness: float) -> np.ndarray:

@@ -9,17 +9,32 @@ import numpy as np
 from ..config import Settings
 from ..types import IGNORE, Clip
 from .inflate import inflated_depth
+from .network import network_depth
+from .plane import flat_depth
+from .scale import DepthSource
 from .topic import topic_depth
 
-SOURCES: dict[str, Callable[[Clip, np.ndarray, Settings], tuple[np.ndarray, str]]] = {"topic": topic_depth, "inflate": inflated_depth}
+SOURCES: dict[str, Callable[[Clip, np.ndarray, Settings], tuple[np.ndarray, DepthSource]]] = {
+    "topic": topic_depth,
+    "network": network_depth,
+    "inflate": inflated_depth,
+    "plane": flat_depth,
+}
 
 
-def surface_depth(clip: Clip, settings: Settings) -> tuple[np.ndarray, str]:
-    """Depth of the object's surface in frame 0 [m], float32 (H, W), 0 off the object; and what it comes from, in words.
+def surface_depth(clip: Clip, settings: Settings) -> tuple[np.ndarray, DepthSource]:
+    """Depth of the object's surface in frame 0 [m], float32 (H, W), 0 off the object; and what it and its scale come from.
 
-    Needs `clip.labels`. Raises InputError where a depth topic says nothing about the object.
+    Needs `clip.labels`. Raises InputError where the source that `depth.source` names, or auto finds, says nothing about the object.
     """
     if clip.labels is None:
         raise ValueError("surface_depth needs clip.labels; run segment.label_clip first")
     mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE)
-    return SOURCES["topic" if clip.depth is not None else "inflate"](clip, mask, settings)
+    return SOURCES[source_of(clip, settings)](clip, mask, settings)
+
+
+def source_of(clip: Clip, settings: Settings) -> str:
+    """The name in SOURCES that `depth.source` stands for: the best that the clip allows where it is auto."""
+    if settings.depth.source != "auto":
+        return settings.depth.source
+    return "topic" if clip.depth is not None else "network" if settings.depth.model else "inflate"

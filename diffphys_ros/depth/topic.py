@@ -9,16 +9,20 @@ from ..config import Settings
 from ..errors import InputError
 from ..local_plane import plane_depth
 from ..types import Clip
+from .scale import DEPTH_TOPIC, DepthSource
 
 WINDOW_RADIUS_PX = 2
 
 
-def topic_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, str]:
+def topic_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, DepthSource]:
     """Depth [m] (H, W) of the object's pixels from `clip.depth[0]`: quantisation smoothed by local planes, holes filled.
 
-    Raises InputError where no pixel of the object has a depth.
+    Raises InputError where the clip has no depth, or none on the object.
     """
-    assert clip.depth is not None
+    if clip.depth is None:
+        raise InputError(
+            f"{clip.source or 'clip'}: has no depth images, depth.source is 'topic'; name the topic with topics.depth or choose another depth.source"
+        )
     measured = clip.depth[0]
     v, u = np.nonzero(mask & (measured > 0))
     if not len(v):
@@ -28,7 +32,7 @@ def topic_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.nd
         )
     smooth = np.zeros(measured.shape)
     smooth[v, u] = plane_depth(measured, np.stack([u, v], -1).astype(float), radius=WINDOW_RADIUS_PX, mask=mask)[0]
-    return fill_holes(smooth, mask).astype(np.float32), "depth topic"
+    return fill_holes(smooth, mask).astype(np.float32), DepthSource(DEPTH_TOPIC, DEPTH_TOPIC)
 
 
 def fill_holes(depth: np.ndarray, mask: np.ndarray) -> np.ndarray:

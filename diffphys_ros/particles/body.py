@@ -62,7 +62,7 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
         poisson=_per_part(scene.poisson_ratio or [POISSON_RATIO], parts, "scene.poisson_ratio"),
         gravity=np.array(scene.gravity_m_s2 or (0.0, 0.0, 0.0)) @ pose[:3, :3],
         clamped=view.clamp is not None,
-        sources={"density": density_source, "metric_scale": _metric_scale(scene, clip), "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"},
+        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"},
     )
 
 
@@ -82,11 +82,3 @@ def _per_part(values: list[float], parts: int, name: str) -> np.ndarray:
     if len(values) not in (1, parts):
         raise InputError(f"{name} has {len(values)} values, must be 1 or {parts} (one per part found); correct the list or segment.max_parts")
     return np.broadcast_to(np.array(values, float), (parts,)).copy()
-
-
-def _metric_scale(scene: Scene, clip: Clip) -> str:
-    if clip.depth is not None:
-        return "depth topic"
-    if scene.clamp_box_m is not None and scene.thickness_axis is not None and clip.camera.pose_known:
-        return "clamp_box_m and the camera's pose"
-    return "assumed: the object is 1 m away"

@@ -75,6 +75,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     tracks = follow(clip, depth0, settings)
     yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
     body, belief = build_body(clip, depth0, settings), None
+    body = replace(body, sources=body.sources | {"metric_scale": source.scale})
     prior = material_prior(clip, settings)
     if prior is not None:
         body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
@@ -84,7 +85,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     if settings.fit.schedule == "joint" or (settings.fit.schedule == "auto" and not start.has_free_tail):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
-    prepared = Prepared(clip, depth0, source, tracks, body, start, modal, prior)
+    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior)
     yield Progress("modes", text=describe_start(start), artefact=start)
     return prepared
 

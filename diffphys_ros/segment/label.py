@@ -14,8 +14,14 @@ from .motion import motion_mask
 from .otsu import otsu_mask
 from .parts import numbered, split_parts
 from .propagate import propagate
+from .sam import sam_mask
 
-METHODS: dict[str, Callable[[Clip, Settings], np.ndarray]] = {"given": given_mask, "motion": motion_mask, "otsu": otsu_mask}
+METHODS: dict[str, Callable[[Clip, Settings], np.ndarray]] = {
+    "given": given_mask,
+    "motion": motion_mask,
+    "otsu": otsu_mask,
+    "sam": sam_mask,
+}
 
 
 def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
@@ -26,7 +32,7 @@ def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
     """
     method = settings.segment.method
     if method == "auto":
-        method = "given" if settings.scene.first_mask else "motion"
+        method = "given" if settings.scene.first_mask else "sam" if settings.segment.model else "motion"
     if method not in METHODS:
         raise InputError(f"segment.method is {method!r}, must be one of {', '.join(METHODS)}")
     return propagate(clip.frames, clip.seen, first_labels(METHODS[method](clip, settings), clip, settings), clip.depth)

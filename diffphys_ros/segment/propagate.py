@@ -64,7 +64,7 @@ def _by_tracks(frames: np.ndarray, seen: np.ndarray, by_flow: np.ndarray, depth:
         region = _object(labels[k]) | _object(by_flow[k])
         odd[k] = colours.strange(frames[k], source, region)
         if witness is not None and depth is not None:
-            hidden[k] = witness.hidden(k, pixels[k], valid[k], source, region)
+            hidden[k] = witness.hidden(int(k), pixels[k], valid[k], source, region)
             odd[k] &= depth[k] == 0  # where it is known, it decides
     return labels, hidden | before_the_scene(frames, (labels == 0) & (by_flow == 0), odd)
 

@@ -7,12 +7,6 @@ import numpy as np
 from scipy.ndimage import binary_fill_holes
 
 
-def largest(mask: np.ndarray) -> np.ndarray:
-    """The largest connected region of a mask, bool (H, W)."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    return labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]) if count > 1 else np.zeros(mask.shape, bool)
-
-
 def touching(mask: np.ndarray, seed: np.ndarray) -> np.ndarray:
     """The connected region of a mask that shares most pixels with `seed` (H, W), bool (H, W)."""
     _, labels = cv2.connectedComponents(mask.astype(np.uint8))

@@ -58,7 +58,7 @@ def test_the_quantisation_of_a_depth_topic_is_smoothed(clip: Clip) -> None:
     depth, source = surface_depth(clip, bar_settings())
     on = clip.labels[0] > 0
     raw, smooth = (np.abs(d[on] - exact_depth(clip)[on]) for d in (clip.depth[0], depth))
-    assert source == "depth topic"
+    assert source.words == "depth topic"
     assert smooth.mean() < 0.5 * raw.mean()
     assert (depth[~on] == 0).all()
     assert depth.dtype == np.float32
@@ -85,14 +85,16 @@ def test_without_depth_the_slab_stands_where_the_clamp_puts_it(clip: Clip) -> No
     depth, source = surface_depth(replace(clip, depth=None), bar_settings())
     on = clip.labels[0] > 0
     error = np.abs(depth - exact_depth(clip))[on]
-    assert "clamp" in source
+    assert "clamp" in source.surface
+    assert "clamp_box_m" in source.scale
     assert np.quantile(error, 0.9) < 2.5e-3  # front, top and end face alike
     assert np.median(error) < 2e-4
 
 
 def test_without_depth_and_clamp_the_distance_is_assumed_and_said(clip: Clip) -> None:
     depth, source = surface_depth(replace(clip, depth=None), bar_settings(scene__clamp_box_m=None))
-    assert source.startswith("assumed")
+    assert source.scale.startswith("unknown")
+    assert "1 m away" in source.words
     assert np.array_equal(depth > 0, clip.labels[0] > 0)
     assert set(np.unique(depth)) == {0.0, 1.0}
 

@@ -1,0 +1,67 @@
+"""Networks in the on-disk format of transformers: from a folder, or by hub id where the machine reaches the hub.
+
+Weights are read from safetensors files alone (a pickle may run code), and code beside a checkpoint is never run.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+
+def model_of(name: str, architectures: Mapping[str, str], *, setting: str, device: str) -> tuple[Any, Any]:
+    """A checkpoint's network on `device` (auto, cpu or cuda:0), in evaluation mode, and its configuration.
+
+    Args:
+        name: folder with config.json and model.safetensors, or hub id.
+        architectures: class of transformers by the configuration's model_type; "*" stands for all others.
+        setting: name of the setting that `name` comes from, for messages.
+
+    Raises InputError where transformers is absent, or the checkpoint cannot be found, read or used for this.
+    """
+    try:
+        import torch
+        import transformers
+    except ModuleNotFoundError as error:
+        raise InputError(f"{setting} {name!r} needs the package {error.name!r}; install diffphys_ros with the extra [models]") from error
+    logging.getLogger("transformers").setLevel(logging.ERROR)  # its advice is for people who train
+    transformers.utils.logging.disable_progress_bar()
+    options: dict[str, Any] = {"local_files_only": _is_local(name)}
+    config = _read(name, setting, lambda: transformers.AutoConfig.from_pretrained(name, **options))
+    kind = architectures.get(config.model_type, architectures.get("*"))
+    if kind is None:
+        raise InputError(
+            f"{setting} {name!r}: a network of type {config.model_type!r}, must be one of {', '.join(architectures)}; give another checkpoint"
+        )
+    model = _read(
+        name, setting, lambda: getattr(transformers, kind).from_pretrained(name, use_safetensors=True, dtype=torch.float32, **options)
+    )
+    chosen = ("cuda:0" if torch.cuda.is_available() else "cpu") if device == "auto" else device
+    return model.eval().to(chosen), model.config
+
+
+def image_processor(name: str, *, setting: str) -> Any:
+    """What turns images into a checkpoint's inputs and its outputs into images. Raises InputError where its files are missing."""
+    import transformers
+
+    return _read(name, setting, lambda: transformers.AutoImageProcessor.from_pretrained(name, local_files_only=_is_local(name)))
+
+
+def _is_local(name: str) -> bool:
+    return Path(name).exists() or name.startswith(("/", ".", "~"))
+
+
+def _read(name: str, setting: str, load: Callable[[], Any]) -> Any:
+    if _is_local(name) and not Path(name).is_dir():
+        raise InputError(f"{setting} {name!r}: there is no such folder; give one with config.json and model.safetensors, or a hub id")
+    try:
+        return load()
+    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(
+            f"{setting} {name!r}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
+        ) from error
