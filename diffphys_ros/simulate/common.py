@@ -22,7 +22,8 @@ def common(real: type) -> SimpleNamespace:
     @wp.struct
     class Lattice:  # the box of the grid that one simulation runs on
         simulation: int
-        origin: vec3  # node (0, 0, 0) [m]
+        origin: vec3  # node (0, 0, 0) of the whole grid [m]
+        low: vec3  # the box's first node in it; positions are rounded alike whatever the box
         dx: real  # [m]
         dt: real  # [s]
         affine: real  # 4 / dx^2 [1/m^2]: inverse of the quadratic spline's second moment
@@ -30,7 +31,7 @@ def common(real: type) -> SimpleNamespace:
         nx: int
         ny: int
         nz: int
-        base: int  # index of node (0, 0, 0) in the nodal arrays
+        base: int  # index of the box's first node in the nodal arrays
         clamp_index: int  # nodes with i <= clamp_index are held
 
     @wp.struct
@@ -64,7 +65,7 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.func
     def cell(lattice: Lattice, x: vec3):
-        return (x - lattice.origin) / lattice.dx
+        return (x - lattice.origin) / lattice.dx - lattice.low
 
     @wp.func
     def inside(lattice: Lattice, u: vec3):

@@ -59,7 +59,7 @@ def _met(real: type) -> SimpleNamespace:
     def place(lattice: Lattice, n: int):
         k = n % lattice.nz
         ij = n // lattice.nz
-        return lattice.origin + lattice.dx * vec3(real(ij // lattice.ny), real(ij % lattice.ny), real(k))
+        return lattice.origin + lattice.dx * (lattice.low + vec3(real(ij // lattice.ny), real(ij % lattice.ny), real(k)))
 
     @wp.func
     def meets(lattice: Lattice, borders: Borders, plane: int, x: vec3, near: vec4):

@@ -54,9 +54,8 @@ def world_of(real: type, bordered: bool) -> SimpleNamespace:
     @wp.func
     def lattice_of(world: World, simulation: int):
         boxes, lattice = world.boxes, world.grid
-        low = vec3(real(boxes[simulation, 0]), real(boxes[simulation, 1]), real(boxes[simulation, 2]))
+        lattice.low = vec3(real(boxes[simulation, 0]), real(boxes[simulation, 1]), real(boxes[simulation, 2]))
         lattice.simulation = simulation
-        lattice.origin = world.grid.origin + world.grid.dx * low
         lattice.nx = boxes[simulation, 3]
         lattice.ny = boxes[simulation, 4]
         lattice.nz = boxes[simulation, 5]
