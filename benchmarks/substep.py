@@ -5,6 +5,7 @@ One whole differentiated frame of a cantilever over its substeps; the median of 
     substep_*               frames whose states fit `memory_budget_mb` (512 where a row says nothing else) are kept
     substep_*_replayed      nothing is kept between the passes (memory_budget_mb = 0)
     substep_*_forward       without gradients
+    substep_*_rollout       frames in a row and then their gradient: what a fit sees
     prototype_*             prototype.py, run beside ours; ..._gain: its time over ours
     *_gain_published        a published figure of the same case over ours (PUBLISHED)
     floor_*                 what the device allows: four smallest kernels in a graph, or the bytes of the states and nodes that
@@ -29,7 +30,7 @@ from table import Row, record, row
 
 from diffphys_ros.simulate import Simulator
 
-REPEATS, FRAMES, BATCH, BATCH_CPU = 9, 60, 128, 8
+REPEATS, FRAMES, ROLLOUT, BATCH, BATCH_CPU = 9, 60, 20, 128, 8
 LARGE_BUDGET_MB = 4096.0  # what a GPU has to spare for a batch or a large body
 SCALE = {"ms": 1e3, "us": 1e6}
 # Forward + backward of one substep, of the solver named, at the same particles and nodes; one H200, one processor core.
@@ -60,27 +61,34 @@ def median(run: Callable[[], object], device: str, repeats: int = REPEATS) -> fl
     return statistics.median(times[2:])
 
 
-def seconds(sim: Simulator, device: str, *, gradient: bool = True) -> float:
+def seconds(sim: Simulator, device: str, *, gradient: bool = True, frames: int = 1) -> float:
     """Time of a frame, over its substeps and simulations [s]."""
     young = torch.full_like(sim.volume, YOUNG, requires_grad=gradient)
-    force = torch.zeros_like(sim.x_rest, requires_grad=gradient)
+    force = torch.zeros(frames, *sim.x_rest.shape, device=device, requires_grad=gradient)
     start, poisson = sim.rest(), sim.tensor(POISSON)
 
     def run() -> None:
-        state = sim.frame(start, young, poisson, force, MASS_DAMPING)
+        if frames == 1:
+            state = sim.frame(start, young, poisson, force[0], MASS_DAMPING)
+        else:
+            state = sim.rollout(start, young, poisson, force, MASS_DAMPING)
         if gradient:
             state.x[..., 1].sum().backward()
 
-    return median(run, device) / sim.substeps / sim.batch
+    return median(run, device) / sim.substeps / sim.batch / frames
 
 
 def timed(name: str, unit: str, case: str, device: str, *, batch: int | None = None, budget: float = 512.0) -> list[Row]:
-    """Rows of a case: kept, replayed and without gradients."""
+    """Rows of a case: kept, replayed, without gradients and as frames of a rollout that are all kept."""
     rows = []
     for suffix, mb, gradient in (("", budget, True), ("_replayed", 0.0, True), ("_forward", 0.0, False)):
         sim = CASES[case].simulator(device, batch=batch, memory_budget_mb=mb)
         rows.append(row(name + suffix, SCALE[unit] * seconds(sim, device, gradient=gradient), unit, device=device))
         del sim
+    if batch is None:
+        sim = CASES[case].simulator(device, memory_budget_mb=budget)
+        frames = max(1, min(ROLLOUT, sim.replay.plan.kept))
+        rows.append(row(f"{name}_rollout", SCALE[unit] * seconds(sim, device, frames=frames), unit, device=device))
     gains = [
         row(f"{name}_gain_published_{who.split()[0].lower()}", value / rows[0].value, "x", device=device)
         for who, value in PUBLISHED.get(name, {}).items()

@@ -139,6 +139,26 @@ def test_the_simulator_holds_what_its_formula_says(budget_mb):
     assert held < bound + budget_mb * 2**20
 
 
+@pytest.mark.parametrize("batch", [1, 4])
+def test_a_rollout_and_its_gradient_hold_what_the_memory_formula_says(batch):
+    """Without a budget; nodes: 18 scalars each (three grids, a velocity grid and the drag)."""
+    body, substeps, frames = block((12, 3, 3), dx=0.02), 64, 40
+    sim = simulator(body, substeps=substeps, period_s=PERIOD_S, memory_budget_mb=0.0, dtype=torch.float32, batch=batch)
+    saved: dict[int, int] = {}
+
+    def note(tensor: torch.Tensor) -> torch.Tensor:
+        saved[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+        return tensor
+
+    force = torch.zeros(frames, *sim.x_rest.shape, requires_grad=True)
+    with torch.autograd.graph.saved_tensors_hooks(note, lambda t: t):
+        path = sim.rollout(sim.rest(), full(sim, 1e4).requires_grad_(), full(sim, 0.3), force, 0.0)
+    path.x.sum().backward()
+    held, count = tensors_of(sim.replay, set()) + sum(saved.values()), batch * len(sim.volume)
+    formula = 96 * count * (frames + 2 * math.sqrt(substeps) + 6) + 12 * count * frames + 72 * batch * sim.replay.room
+    assert 0.8 * formula < held < formula
+
+
 def tensors_of(thing: object, seen: set[int]) -> int:
     """Bytes of all tensors that an object reaches."""
     if id(thing) in seen:
