@@ -164,11 +164,12 @@ def _from_bag(bag: str, settings: config.Settings) -> Steps:
 
 
 def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings) -> Steps:
-    from diffphys_ros.recover import prepare, solve
+    from diffphys_ros.recover import Judge, pick_device, prepare, solve
 
+    judge = Judge.of(settings, device=pick_device(settings))
     prepared = yield from prepare(buffer.clip(), settings)
     recovery = yield from solve(prepared, splats, settings)
-    return prepared, splats, recovery
+    return prepared, splats, judge.judged(recovery, prepared)
 
 
 def _recover(steps: Steps, settings: config.Settings, out: str) -> Generator[Any, None, list[str]]:

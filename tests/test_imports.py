@@ -16,7 +16,7 @@ PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config"}
 SHARED = {"correspondence", "local_plane", "footprints", "pretrained"}  # what several stages need alike; imports the ground alone
-STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses"}
+STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses", "lpips"}
 LEAVES = {"bags", "msg_schemas"}
 OUTPUT = {"store", "result", "report", "score"}
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from ..config import Settings
 from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
+from .judge import Judge
 from .prepare import Prepared, label, prepare
 from .progress import Progress
 from .solve import pick_device, solve
 
-__all__ = ["Checkpoint", "Prepared", "Progress", "fit_gaussians", "label", "prepare", "run", "solve", "solve_prepared"]
+__all__ = ["Checkpoint", "Judge", "Prepared", "Progress", "fit_gaussians", "label", "pick_device", "prepare", "run", "solve", "solve_prepared"]
 
 Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
 
@@ -30,9 +31,10 @@ def run(source: Clip | str | Path, settings: Settings, *, checkpoint: Checkpoint
 
 def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
     """The part of the job that needs only torch, numpy, scipy and Warp."""
+    judge = Judge.of(settings, device=pick_device(settings))
     splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
     recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
-    return prepared, splats, recovery
+    return prepared, splats, judge.judged(recovery, prepared)
 
 
 def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]

@@ -1,0 +1,124 @@
+"""Learned perceptual distance of two images (LPIPS 0.1; Zhang et al. 2018, "The unreasonable effectiveness of deep features as a perceptual metric").
+
+The weights are the published ones, from local files: torchvision's AlexNet or VGG-16, and the linear heads of the lpips package. No code of either runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from .errors import InputError
+
+SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of the published metric, for values -1..1
+MARGIN_PX = 16  # around the object that is compared
+BACKBONE, HEADS = "metrics.lpips_backbone", "metrics.lpips_heads"
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One convolution of a torchvision network, with what follows it."""
+
+    index: int  # in torchvision's `features`
+    kernel: int
+    stride: int = 1
+    padding: int = 1
+    pool: int = 0  # side of the max-pooling before it; 0: none
+    tapped: bool = True  # whether its rectified output is compared
+
+
+ALEX = (Layer(0, 11, 4, 2), Layer(3, 5, 1, 2, pool=3), Layer(6, 3, pool=3), Layer(8, 3), Layer(10, 3))
+VGG = tuple(
+    Layer(index, 3, pool=2 if index in (5, 10, 17, 24) else 0, tapped=index in (2, 7, 14, 21, 28)) for index in (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
+)
+
+
+class Lpips:
+    """The distance, ready to be called. Raises InputError for files that do not hold the weights."""
+
+    def __init__(self, backbone: str | Path, heads: str | Path, *, device: str = "cpu"):
+        weights, linear = _state(backbone, BACKBONE), _state(heads, HEADS)
+        first = weights.get("features.0.weight")
+        self.layers = VGG if first is not None and first.shape[-1] == 3 else ALEX
+        self.convolutions = [_convolution(weights, layer, backbone, device) for layer in self.layers]
+        channels = [w.shape[0] for layer, (w, _) in zip(self.layers, self.convolutions, strict=True) if layer.tapped]
+        self.heads = [_head(linear, k, count, heads, device) for k, count in enumerate(channels)]
+        self.device = device
+
+    @torch.no_grad()
+    def masked(self, rendered: np.ndarray, observed: np.ndarray, mask: np.ndarray) -> float:
+        """Distance over the object's pixels, 0 for equal images: uint8 RGB (H, W, 3), mask bool (H, W).
+
+        Both images are black off the mask; every layer is averaged over the object's share of its cells, so that a mask of the whole
+        image gives the published distance. Raises InputError for an empty mask.
+        """
+        if not mask.any():
+            raise InputError("mask: has no pixel to compare; give a mask that covers the object")
+        window = _window(mask)
+        share = torch.as_tensor(mask[window], dtype=torch.float32, device=self.device)[None, None]
+        images = torch.stack([torch.as_tensor(np.where(mask[..., None], image, 0)[window], device=self.device) for image in (rendered, observed)])
+        features = self._features(images.permute(0, 3, 1, 2).float() / 127.5 - 1)
+        total = 0.0
+        for feature, head in zip(features, self.heads, strict=True):
+            difference = (feature[0] - feature[1]).square()
+            weight = functional.interpolate(share, size=difference.shape[-2:], mode="area")[0, 0]
+            total += float(((head[:, None, None] * difference).sum(0) * weight).sum() / weight.sum())
+        return total
+
+    def _features(self, images: torch.Tensor) -> list[torch.Tensor]:
+        """Unit vectors (2, C, h, w) of every tapped layer."""
+        shift, scale = (torch.tensor(v, device=self.device)[:, None, None] for v in (SHIFT, SCALE))
+        x, found = (images - shift) / scale, []
+        for layer, (weight, bias) in zip(self.layers, self.convolutions, strict=True):
+            if layer.pool:
+                x = functional.max_pool2d(x, layer.pool, 2)
+            x = functional.relu(functional.conv2d(x, weight, bias, layer.stride, layer.padding))
+            if layer.tapped:
+                found.append(x / (x.square().sum(1, keepdim=True).sqrt() + 1e-10))
+        return found
+
+
+def _window(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns around the object, wide enough for every layer."""
+    sides = []
+    for axis, size in ((1, mask.shape[0]), (0, mask.shape[1])):
+        there = np.flatnonzero(mask.any(axis))
+        low, high = int(there[0]) - MARGIN_PX, int(there[-1]) + 1 + MARGIN_PX
+        missing = max(0, 64 - (high - low))
+        sides.append(slice(max(0, low - missing), min(size, high + missing)))
+    return sides[0], sides[1]
+
+
+def _state(path: str | Path, setting: str) -> Mapping[str, torch.Tensor]:
+    """The tensors of a .safetensors or .pth file; of the latter plain tensors alone are read, no code."""
+    try:
+        if Path(path).suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            return load_file(path)
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except ModuleNotFoundError as error:
+        raise InputError(f"{setting} {path}: needs the package safetensors; install diffphys_ros with the extra [models], or give the .pth file") from error
+    except Exception as error:  # whatever a broken file makes the readers raise
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{setting} {path}: not a file of tensors ({reason}); give the published state dict") from error
+
+
+def _convolution(weights: Mapping[str, torch.Tensor], layer: Layer, path: str | Path, device: str) -> tuple[torch.Tensor, torch.Tensor]:
+    names = f"features.{layer.index}.weight", f"features.{layer.index}.bias"
+    found = [weights[name].float().to(device) for name in names if isinstance(weights.get(name), torch.Tensor)]
+    if len(found) < 2 or found[0].shape[-1] != layer.kernel:
+        raise InputError(f"{BACKBONE} {path}: holds no {names[0]} of a {layer.kernel} x {layer.kernel} kernel; give torchvision's state dict of AlexNet or VGG-16")
+    return found[0], found[1]
+
+
+def _head(heads: Mapping[str, torch.Tensor], k: int, channels: int, path: str | Path, device: str) -> torch.Tensor:
+    weight = heads.get(f"lin{k}.model.1.weight")
+    if not isinstance(weight, torch.Tensor) or weight.numel() != channels:
+        raise InputError(f"{HEADS} {path}: holds no lin{k}.model.1.weight of {channels} numbers; give the heads of LPIPS 0.1 for the same network as {BACKBONE}")
+    return weight.float().reshape(-1).to(device)
