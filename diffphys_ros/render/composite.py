@@ -6,7 +6,7 @@
 A pixel's colour is sum_i T_i alpha_i c_i with T_i = prod_{j<i} (1 - alpha_j) (Kerbl et al. 2023, equation 3). One thread
 is one pixel of one frame. The backward pass walks front to back again: with phi_i the cotangent of what Gaussian i
 adds per unit weight, d/d alpha_i = T_i phi_i - (sum of later terms) / (1 - alpha_i), and the later terms are the
-total less what was passed.
+total less what was passed. What is left of the light after the last Gaussian shows the background.
 """
 
 import warp as wp
@@ -14,6 +14,7 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 ALPHA_MAX = wp.constant(0.999)  # keeps 1 - alpha away from 0
+TINY = wp.constant(1.0e-12)  # keeps empty pixels from dividing by 0
 STOP = wp.constant(1.0e-4)  # compositing ends before the transmittance falls to this
 
 
@@ -26,7 +27,6 @@ class Layout:
     side: int  # of a tile [px]
     columns: int  # tiles across
     rows: int
-    gaussians: int
 
 
 @wp.func
@@ -65,10 +65,11 @@ def composite(
     depth: wp.array(dtype=float),
     opacity: wp.array(dtype=float),
     color: wp.array(dtype=wp.vec3),
+    background: wp.array(dtype=wp.vec3),  # repeats after its last pixel
     # out:
-    image: wp.array(dtype=wp.vec3),  # over black
+    image: wp.array(dtype=wp.vec3),
     alpha: wp.array(dtype=float),
-    weighted_depth: wp.array(dtype=float),  # sum of weight * depth [m]
+    mean_depth: wp.array(dtype=float),  # weighted by what each Gaussian adds [m]; 0 where nothing is
 ):
     thread = wp.tid()
     pixel = pixel_of(layout, thread)
@@ -83,15 +84,15 @@ def composite(
         i = owner[k]
         d2 = distance2(conic[i], at - centre[i])
         if d2 <= reach[i]:
-            a = wp.min(opacity[i % layout.gaussians] * wp.exp(-0.5 * d2), ALPHA_MAX)
+            a = wp.min(opacity[i] * wp.exp(-0.5 * d2), ALPHA_MAX)
             if passed * (1.0 - a) <= STOP:
                 break
-            rgb += passed * a * color[i % layout.gaussians]
+            rgb += passed * a * color[i]
             z += passed * a * depth[i]
             passed *= 1.0 - a
-    image[pixel[2]] = rgb
+    image[pixel[2]] = rgb + passed * background[pixel[2] % background.shape[0]]
     alpha[pixel[2]] = 1.0 - passed
-    weighted_depth[pixel[2]] = z
+    mean_depth[pixel[2]] = z / wp.max(1.0 - passed, TINY)
 
 
 @wp.kernel
@@ -106,12 +107,13 @@ def composite_backward(
     depth: wp.array(dtype=float),
     opacity: wp.array(dtype=float),
     color: wp.array(dtype=wp.vec3),
+    background: wp.array(dtype=wp.vec3),
     image: wp.array(dtype=wp.vec3),
     alpha: wp.array(dtype=float),
-    weighted_depth: wp.array(dtype=float),
+    mean_depth: wp.array(dtype=float),
     d_image: wp.array(dtype=wp.vec3),
     d_alpha: wp.array(dtype=float),
-    d_weighted_depth: wp.array(dtype=float),
+    d_mean_depth: wp.array(dtype=float),
     # out: added to, over (frame, Gaussian)
     d_centre: wp.array(dtype=wp.vec2),
     d_conic: wp.array(dtype=wp.vec3),
@@ -123,25 +125,28 @@ def composite_backward(
     pixel = pixel_of(layout, thread)
     if pixel[2] < 0:
         return
-    c_rgb, c_alpha, c_z = d_image[pixel[2]], d_alpha[pixel[2]], d_weighted_depth[pixel[2]]
+    if alpha[pixel[2]] == 0.0:
+        return
+    c_rgb, c_alpha, c_z = d_image[pixel[2]], d_alpha[pixel[2]], d_mean_depth[pixel[2]] / alpha[pixel[2]]
     if wp.length_sq(c_rgb) == 0.0 and c_alpha == 0.0 and c_z == 0.0:
         return
     tile = tile_of(layout, thread)
     at = wp.vec2(float(pixel[0]), float(pixel[1]))
     passed = float(1.0)
-    later = wp.dot(c_rgb, image[pixel[2]]) + c_alpha * alpha[pixel[2]] + c_z * weighted_depth[pixel[2]]
+    behind = background[pixel[2] % background.shape[0]]
+    later = wp.dot(c_rgb, image[pixel[2]] - behind) + c_alpha * alpha[pixel[2]]  # the terms of depth add up to 0
+    c_clear = c_alpha - wp.dot(c_rgb, behind) - c_z * mean_depth[pixel[2]]
     for k in range(start[tile], start[tile + 1]):
         i = owner[k]
         d = at - centre[i]
         d2 = distance2(conic[i], d)
         if d2 <= reach[i]:
-            g = i % layout.gaussians
             falloff = wp.exp(-0.5 * d2)
-            free = opacity[g] * falloff
+            free = opacity[i] * falloff
             a = wp.min(free, ALPHA_MAX)
             if passed * (1.0 - a) <= STOP:
                 break
-            phi = wp.dot(c_rgb, color[g]) + c_alpha + c_z * depth[i]
+            phi = wp.dot(c_rgb, color[i]) + c_clear + c_z * depth[i]
             later -= passed * a * phi
             wp.atomic_add(d_color, i, passed * a * c_rgb)
             wp.atomic_add(d_depth, i, passed * a * c_z)

@@ -1,4 +1,5 @@
 # mypy: ignore-errors
+# ruff: noqa: UP018 (Warp needs the call to tell a variable from a constant)
 
 """Kernels: 3D Gaussians to 2D Gaussians in the image (EWA splatting) and the way back.
 
@@ -46,17 +47,22 @@ def project(
     view: View,
     tile: int,
     gaussians: int,
+    colors: int,
     mean: wp.array(dtype=wp.vec3),
     rotation: wp.array(dtype=wp.vec4),
     scale: wp.array(dtype=wp.vec3),
     opacity: wp.array(dtype=float),
+    color: wp.array(dtype=wp.vec3),  # of every Gaussian, or of every Gaussian of every frame
     # out:
     centre: wp.array(dtype=wp.vec2),  # [px]
     conic: wp.array(dtype=wp.vec3),  # xx, xy, yy of the inverse covariance [1/px^2]
     depth: wp.array(dtype=float),  # [m]
     reach: wp.array(dtype=float),  # largest squared Mahalanobis distance at which alpha >= ALPHA_MIN; -1: left out
+    peak: wp.array(dtype=float),  # the opacity
+    paint: wp.array(dtype=wp.vec3),  # the colour
     box: wp.array(dtype=wp.vec4i),  # tiles touched: first column, first row, end column, end row
     count: wp.array(dtype=int),  # of those tiles
+    pairs: wp.array(dtype=int),  # Gaussians of every tile of every frame, added to what is there; may be missing
 ):
     i = wp.tid()
     g = i % gaussians
@@ -85,8 +91,15 @@ def project(
     end_x = int(wp.min(wp.floor(x + rx), float(view.width - 1))) / tile + 1
     end_y = int(wp.min(wp.floor(y + ry), float(view.height - 1))) / tile + 1
     reach[i] = r
+    peak[i] = opacity[g]
+    paint[i] = color[i % colors]
     box[i] = wp.vec4i(first_x, first_y, end_x, end_y)
     count[i] = wp.max(end_x - first_x, 0) * wp.max(end_y - first_y, 0)
+    if pairs.shape[0] > 0:
+        columns, rows = (view.width - 1) / tile + 1, (view.height - 1) / tile + 1
+        for row in range(first_y, end_y):
+            for column in range(first_x, end_x):
+                wp.atomic_add(pairs, ((i / gaussians) * rows + row) * columns + column, 1)
 
 
 @wp.func
@@ -114,7 +127,7 @@ def project_backward(
     d_centre: wp.array(dtype=wp.vec2),
     d_conic: wp.array(dtype=wp.vec3),  # of xx, xy, yy where xy stands for both off-diagonal entries
     d_depth: wp.array(dtype=float),
-    # out: (zero where the Gaussian was left out)
+    # out: zero where the Gaussian was left out; d_scale of each frame
     d_mean: wp.array(dtype=wp.vec3),
     d_rotation: wp.array(dtype=wp.vec4),
     d_scale: wp.array(dtype=wp.vec3),
@@ -156,3 +169,33 @@ def project_backward(
         d_y -= (view.focal[2] * d_jx[2] + view.focal[1] * d_jy[2]) / p[2]
     d_z = d_depth[i] - (wp.dot(d_jx, jx) + wp.dot(d_jy, jy) + d_x * direction[0] + d_y * direction[1]) / p[2]
     d_mean[i] = wp.transpose(view.camera_from_world) * wp.vec3(d_x / p[2], d_y / p[2], d_z)
+
+
+@wp.kernel
+def sum_frames(
+    # in:
+    frames: int,
+    gaussians: int,
+    colors: int,
+    scale: wp.array(dtype=wp.vec3),  # gradients over (frame, Gaussian)
+    peak: wp.array(dtype=float),
+    paint: wp.array(dtype=wp.vec3),
+    # out: gradients of what the frames share, added up in their order
+    d_scale: wp.array(dtype=wp.vec3),
+    d_opacity: wp.array(dtype=float),
+    d_color: wp.array(dtype=wp.vec3),
+):
+    g = wp.tid()
+    s, o, c = wp.vec3(), float(0.0), wp.vec3()
+    for frame in range(frames):
+        i = frame * gaussians + g
+        s += scale[i]
+        o += peak[i]
+        if colors == gaussians:
+            c += paint[i]
+        else:
+            d_color[i] = paint[i]
+    d_scale[g] = s
+    d_opacity[g] = o
+    if colors == gaussians:
+        d_color[g] = c

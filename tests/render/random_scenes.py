@@ -35,6 +35,11 @@ def random_gaussians(camera, count, seed=0, opacity=(0.2, 0.95), size_px=(0.5, 4
     return [torch.tensor(v, requires_grad=True) for v in values]
 
 
+def random_coefficients(count, degree, seed=0):
+    """Float64 coefficients of spherical harmonics (count, K, 3); some of their colours fall below 0."""
+    return torch.tensor(np.random.default_rng(seed).normal(0, 0.4, (count, (degree + 1) ** 2, 3)), requires_grad=True)
+
+
 def to_float32(tensors):
     """Leaves for the renderer under test."""
     return [t.detach().float().requires_grad_() for t in tensors]

@@ -1,6 +1,9 @@
 """A readable renderer of 3D Gaussians in plain torch: every pixel against every Gaussian, differentiated by autograd."""
 
+import math
+
 import torch
+from numpy.polynomial import legendre, polynomial
 
 
 def rotation_matrix(q):
@@ -59,3 +62,26 @@ def render(mean, rotation, scale, opacity, color, camera, background=None):
     if background is not None:
         image = image + passed[..., None] * background
     return image, alpha, depth
+
+
+def harmonics(direction, degree):
+    """Real spherical harmonics with Condon-Shortley phase (..., (degree + 1)^2) at unit directions (..., 3), from their definition:
+    derivatives of Legendre polynomials of z times the powers of x + iy."""
+    x, y, z = direction.unbind(-1)
+    values = []
+    for band in range(degree + 1):
+        for m in range(-band, band + 1):
+            a = abs(m)
+            norm = math.sqrt((2 * band + 1) / (4 * math.pi) * math.factorial(band - a) / math.factorial(band + a) * (2 if a else 1))
+            along = polynomial.polyder(legendre.leg2poly([0] * band + [1]), a)
+            around = torch.complex(x, y) ** a if a else torch.ones_like(torch.complex(x, y))
+            height = sum(float(c) * z**k for k, c in enumerate(along))
+            values.append((-1) ** a * norm * height * (around.imag if m < 0 else around.real))
+    return torch.stack(values, -1)
+
+
+def shade(mean, coefficients, camera):
+    """Colours (G, 3) of coefficients (G, K, 3) seen by the camera."""
+    away = mean - torch.as_tensor(camera.position, dtype=mean.dtype)
+    basis = harmonics(away / away.norm(dim=-1, keepdim=True), math.isqrt(coefficients.shape[1]) - 1)
+    return (0.5 + torch.einsum("gk,gkc->gc", basis, coefficients)).clamp_min(0)
