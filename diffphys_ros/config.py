@@ -67,6 +67,7 @@ class Topics:
     image: str | None = setting(None, "colour images (Image or CompressedImage)")
     depth: str | None = setting(None, "depth images (16UC1 in mm or 32FC1 in m); 'none' leaves depth out")
     camera_info: str | None = setting(None, "camera_info of the colour images")
+    mask: str | None = setting(None, "label images (mono8): the one nearest to frame 0 says what the object is, as scene.first_mask does")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Segment:
 
     method: str = setting(
         "auto",
-        "object mask in frame 0; auto: given where first_mask is set, else sam where segment.model is set, else motion",
+        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion",
         choices=("auto", "given", "motion", "otsu", "sam"),
     )
     model: str | None = setting(None, "SAM or SAM 2 checkpoint of transformers: a folder or a hub id; its prompt is box_px, point_px or what moves")
@@ -152,6 +153,10 @@ class Fit:
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
     schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess", choices=("auto", "modes", "joint"))
     law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")
+    material_field: str = setting("part", "part: constants per part; residual: corrected from point to point by a triplane; triplane: a triplane alone, pretrained on them", choices=("part", "residual", "triplane"))
+    force_field: str = setting("frame", "frame: one vector per frame under a footprint; on top of it modes: smooth shapes along the object, voxels: features per voxel and frame, planes: a triplane over x, y and time", choices=("frame", "modes", "voxels", "planes"))
+    field_iterations: int = setting(40, "steps of Adam for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
+    force_smoothness: float = setting(1e-3, "weight of the roughness of such a force field (paper A.14)", low=0.0, high=1e3)
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)
     image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)

@@ -23,10 +23,12 @@ GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone wo
 class Core:
     """Physics and motion, body frame, on all particles."""
 
-    young: np.ndarray  # per part, corrected [Pa], (n,)
+    young: np.ndarray  # corrected [Pa], (P,)
+    poisson: np.ndarray  # (P,)
     displacement: np.ndarray  # from frame 0 [m], (T, P, 3)
     F: np.ndarray  # since frame 0, (T, P, 3, 3)
-    force: np.ndarray  # amplitude [N/m^3], (T, 3)
+    force: np.ndarray  # amplitude of the family [N/m^3], (T, 3)
+    field_force: np.ndarray | None  # on top of it [N/m^3], (T - 1, P, 3)
     velocity0: np.ndarray  # [m/s], (P, 3)
     mass_damping: float  # [1/s]
     stiffness_damping: float  # [s]
@@ -43,10 +45,12 @@ def simulated_answer(disc: Discretisation, layout: Layout, terms: Terms) -> Core
         return tensor.detach().double().cpu().numpy()
 
     return Core(
-        array(unknowns.young) * disc.apparent,
+        array(motion.young) * disc.apparent,
+        disc.particles.poisson if motion.field_poisson is None else array(motion.field_poisson),
         array(motion.displacement),
         array(motion.F),
         array(unknowns.force),
+        None if motion.field_force is None else array(motion.field_force),
         array(motion.start.v),
         float(unknowns.mass_damping),
         float(unknowns.stiffness_damping),
@@ -60,8 +64,8 @@ def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
     q = linear_coordinates(prepared)
     displacement = np.einsum("pcr,tr->tpc", disc.basis, q - q[:1])
     F = np.eye(3) + np.einsum("pijr,tr->tpij", disc.basis_gradient, q - q[:1])
-    velocity0 = disc.basis @ start.initial_velocity
-    return Core(start.young, displacement, F, start.force, velocity0, start.mass_damping, start.stiffness_damping, refined=False)
+    velocity0, p = disc.basis @ start.initial_velocity, disc.particles
+    return Core(start.young[p.part - 1], p.poisson, displacement, F, start.force, None, velocity0, start.mass_damping, start.stiffness_damping, refined=False)
 
 
 def assemble(
@@ -71,6 +75,8 @@ def assemble(
     body, start, p, own = prepared.body, prepared.start, disc.particles, disc.particles.own
     weight = footprint_weights(start.force_family, p.x_rest[own], start.footprint)
     force = body.rotate_to_world(core.force)[:, None] * weight[None, :, None]
+    if core.field_force is not None:
+        force[:-1] += body.rotate_to_world(core.field_force[:, own])
     trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own])
     frames = None if renderer is None else renderer.clip(p.x_rest + core.displacement, core.F)
     part = p.part[own] - 1
@@ -79,10 +85,10 @@ def assemble(
         points=body.to_world(p.x_rest[own]),
         volume=p.volume[own],
         part=p.part[own],
-        young=core.young[part],
-        young_solver=core.young[part] / disc.apparent,
+        young=core.young[own],
+        young_solver=core.young[own] / disc.apparent,
         log10_young_sd=sd[part],
-        poisson=p.poisson[own],
+        poisson=core.poisson[own],
         density=p.density[own],
         force=force.astype(np.float32),
         trajectory=trajectory.astype(np.float32),

@@ -65,4 +65,4 @@ class Checkpoint:
 
 
 # settings that may change between an interrupted run and its continuation
-_FREE = ("fit.iterations", "fit.time_budget_s", "fit.checkpoint_every_s", "playback.rate", "playback.loop", "publish.max_points", "publish.max_markers", "scene.first_mask")
+_FREE = ("fit.iterations", "fit.field_iterations", "fit.time_budget_s", "fit.checkpoint_every_s", "playback.rate", "playback.loop", "publish.max_points", "publish.max_markers", "scene.first_mask")

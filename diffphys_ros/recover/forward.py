@@ -30,6 +30,9 @@ class Motion:
     F: torch.Tensor  # deformation gradients since frame 0, (T, P, 3, 3)
     unknowns: Unknowns
     start: State  # frame 0
+    young: torch.Tensor  # as simulated [Pa], (P,)
+    field_poisson: torch.Tensor | None = None  # (P,); None: that of the particles
+    field_force: torch.Tensor | None = None  # on top of the family's [N/m^3], (T - 1, P, 3)
 
     @property
     def displacement(self) -> torch.Tensor:
@@ -120,9 +123,8 @@ class ForwardModel:
         )
         self.damping = self._modal_damping()
 
-    def ensure_substeps(self, z: np.ndarray) -> bool:
-        """Capture again where z's stiffest E has passed what the substeps carry; whether that happened."""
-        young = self.layout.young_of(z)
+    def ensure_substeps(self, young: np.ndarray) -> bool:
+        """Capture again where the stiffest of moduli (n,) [Pa] has passed what the substeps carry; whether that happened."""
         if young.max() <= self.simulator.max_young():
             return False
         self.capture(young)
@@ -131,26 +133,39 @@ class ForwardModel:
     def __call__(self, z: torch.Tensor, report: Callable[[float], None] | None = None) -> Motion:
         """Motion under the unknowns z (size,); differentiable. Raises SimulationError."""
         unknowns = self.layout.unpack(z, modes=self.basis.shape[2])
-        young = unknowns.young[self.part]
-        start = self._start(unknowns, young)
+        return self.simulate(unknowns, unknowns.young[self.part], report=report)
+
+    def simulate(
+        self,
+        unknowns: Unknowns,
+        young: torch.Tensor,
+        field_poisson: torch.Tensor | None = None,
+        field_force: torch.Tensor | None = None,
+        *,
+        report: Callable[[float], None] | None = None,
+    ) -> Motion:
+        """Motion with E [Pa] of every particle (P,), a Poisson's ratio (P,) in place of the particles' own, and a force density
+        [N/m^3] (T - 1, P, 3) on top of the family's. Raises SimulationError."""
+        poisson = self.poisson if field_poisson is None else field_poisson
+        start = self._start(unknowns, young, poisson)
         force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
         states = self.simulator.rollout(
             start,
             young,
-            self.poisson,
-            force,
+            poisson,
+            force if field_force is None else force + field_force,
             unknowns.mass_damping,
             after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
             report=report,
         )
         since0 = states.F @ torch.linalg.inv(start.F)[None]
-        return Motion(states.x, since0, unknowns, start)
+        return Motion(states.x, since0, unknowns, start, young, field_poisson, field_force)
 
-    def _start(self, unknowns: Unknowns, young: torch.Tensor) -> State:
+    def _start(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor) -> State:
         """Frame 0: settled under gravity, then the recovered initial motion on top."""
         state = self.simulator.rest()
         if self.disc.sag_gradient is not None:
-            state = self.simulator.settle(young, self.poisson, self.simulator.tensor(self.disc.sag_gradient))
+            state = self.simulator.settle(young, poisson, self.simulator.tensor(self.disc.sag_gradient))
         if not self.layout.motion_unit.size:
             return state
         strain = self.basis_gradient @ unknowns.initial_displacement

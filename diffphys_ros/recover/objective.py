@@ -93,9 +93,10 @@ class Objective:
         except SimulationError as error:
             self.failures.append(str(error))
             return Terms(leaf, None, torch.tensor(float("inf")))
-        return self._terms(leaf, motion)
+        return self.terms(leaf, motion)
 
-    def _terms(self, leaf: torch.Tensor, motion: Motion) -> Terms:
+    def terms(self, leaf: torch.Tensor, motion: Motion) -> Terms:
+        """The loss of a motion and of the unknowns z (size,) that it belongs to."""
         w = self.weights
         track = self.target.loss(self.binding.apply(motion.displacement)).double()
         weighted = {"track": w.track_weight * track, "prior": self.prior.value(leaf)}

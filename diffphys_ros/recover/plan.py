@@ -21,6 +21,7 @@ LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 2.5e-4}  # launches, however few the par
 GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
+SEARCH_SHARE = 0.4  # of the time, where fields are trained after the search
 RENDER_SHARE = 0.3  # of an iteration, at most, spent on images
 
 
@@ -56,9 +57,20 @@ def make_plan(body: Body, young: np.ndarray, *, frames: int, period_s: float, se
             f"at E = {young.max():.3g} Pa; raise it to {least.substeps} or lower particles.cells"
         )
     wanted = settings.fit.iterations or WANTED_ITERATIONS
-    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= settings.fit.time_budget_s]
+    budget_s = search_budget_s(settings)
+    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= budget_s]
     plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
-    return plan if settings.fit.iterations else _with_iterations(plan, settings.fit.time_budget_s)
+    return plan if settings.fit.iterations else _with_iterations(plan, budget_s)
+
+
+def search_budget_s(settings: Settings) -> float:
+    """What of fit.time_budget_s [s] the search over constants and vectors may take; the rest is for fields where they are wanted."""
+    return settings.fit.time_budget_s * (SEARCH_SHARE if fields_wanted(settings) else 1.0)
+
+
+def fields_wanted(settings: Settings) -> bool:
+    """Whether the settings ask for fields beyond constants per part and vectors per frame."""
+    return settings.fit.material_field != "part" or settings.fit.force_field != "frame"
 
 
 def _with_iterations(plan: Plan, budget_s: float) -> Plan:

@@ -10,7 +10,7 @@ from typing import Any
 class Progress:
     """One line of news. The command line prints it, a node publishes it; to stop iterating is to cancel."""
 
-    stage: str  # reading, segment, depth, tracks, body, modes, splats, plan, fit, result
+    stage: str  # reading, segment, depth, tracks, body, modes, splats, plan, fit, fields, result
     iteration: int = 0
     iterations: int = 0
     loss: float | None = None

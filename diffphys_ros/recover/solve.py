@@ -23,9 +23,10 @@ from .linear import linear_displacement
 from .minimise import Iterate, begin, minimise
 from .objective import Objective, Prior
 from .observations import TrackTarget, acceleration_scale
-from .plan import Plan, make_plan
+from .plan import Plan, fields_wanted, make_plan, search_budget_s
 from .prepare import Prepared, scaled_start
 from .progress import Progress
+from .train import Trained, train
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
@@ -112,14 +113,15 @@ def solve(
     grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
     yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}")
     state = yield from _search(problem, checkpoint, began)
+    trained = None if not fields_wanted(settings) else (yield from train(problem, state.z, began=began))
     yield Progress("result", text="final simulation and rendering")
-    recovery = _answer(problem, state)
+    recovery = _answer(problem, state, trained)
     yield Progress("result", text=_verdict(recovery), artefact=recovery)
     return recovery
 
 
 def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator[Progress, None, Iterate]:
-    iterations, budget_s = problem.plan.iterations, problem.settings.fit.time_budget_s
+    iterations, budget_s = problem.plan.iterations, search_budget_s(problem.settings)
     fixed = problem.settings.fit.iterations > 0
     state = yield from _first(problem, checkpoint)
     yield _news(problem, state, iterations, None)
@@ -148,7 +150,7 @@ def _first(problem: Problem, checkpoint: Checkpoint) -> Generator[Progress, None
         return begin(lambda z: terms, start, problem.hessian)
     yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
     found = _best_scale(problem, start)
-    problem.forward.ensure_substeps(found)
+    problem.forward.ensure_substeps(problem.layout.young_of(found))
     return begin(problem.objective, found, problem.hessian)
 
 
@@ -166,7 +168,7 @@ def _best_scale(problem: Problem, z: np.ndarray) -> np.ndarray:
 
 def _recapture(problem: Problem, state: Iterate) -> Iterate:
     """Lay out the substeps anew where E has passed what they carry; value and gradient are those of the new layout."""
-    if not problem.forward.ensure_substeps(state.z):
+    if not problem.forward.ensure_substeps(problem.layout.young_of(state.z)):
         return state
     here = problem.objective(state.z)
     return replace(state, value=here.value, gradient=here.gradient())
@@ -195,9 +197,9 @@ def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float
     return Progress("fit", state.iteration, iterations, state.value, seconds_left, text, artefact=young)
 
 
-def _answer(problem: Problem, state: Iterate) -> Recovery:
+def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recovery:
     with torch.no_grad():
-        terms = problem.objective(state.z)
+        terms = problem.objective(state.z) if trained is None else trained.terms
     points = problem.target.rest_points
     linear = torch.as_tensor(linear_displacement(problem.prepared, points)).to(problem.target.observed)
     noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
@@ -221,6 +223,8 @@ def _answer(problem: Problem, state: Iterate) -> Recovery:
         "young_start_pa": problem.prepared.start.young.tolist(),
         "young_refined_pa": (problem.layout.young_of(state.z) * problem.disc.apparent).tolist(),
     }
+    if trained is not None:
+        metrics["fields"] = trained.summary
     return assemble(problem.prepared, problem.disc, core, problem.renderer, substeps=problem.forward.simulator.substeps, metrics=metrics)
 
 

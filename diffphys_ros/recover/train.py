@@ -1,0 +1,228 @@
+"""Fields with many parameters, trained by Adam from where the search over few has ended (paper section 3.5, A.12).
+
+First the force alone while the material stays as it is, then both: a force that may do anything would else explain the motion
+at any stiffness. The search's answer is the start, so that a field only has to say what constants and vectors do not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from ..errors import SimulationError
+from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, Material, Smoothness, pretrain
+from ..simulate.stability import wave_speed
+from .belief import on_points
+from .objective import Prior, Terms
+from .progress import Progress
+
+if TYPE_CHECKING:
+    from .solve import Problem
+
+SPAN = 30.0  # factor about the search's moduli within which E may lie
+RATES = {"material": 3e-3, "motion": 5e-3}  # of Adam
+FORCE_RATES = {"frame": 5e-2, "modes": 5e-2, "voxels": 5e-3, "planes": 5e-3}  # a decoder multiplies steps of its weights
+WARM_UP = 0.25  # share of the iterations in which the material rests
+SLOWER = 0.3  # factor on the rates after a step that the simulation did not survive
+POISSON_SD = 0.05  # prior standard deviation of nu: motion hardly tells it
+LEAST_GAIN = 1e-9
+
+
+@dataclass
+class Trained:
+    """The fields at their best."""
+
+    terms: Terms
+    summary: dict[str, Any]  # for metrics.json
+
+
+@dataclass
+class FieldModel:
+    """Parameters of the fields -> loss."""
+
+    problem: Problem
+    z: np.ndarray  # the search's answer, (size,)
+    words: dict[str, str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        fit, forward = self.problem.settings.fit, self.problem.forward
+        self.words = {"material": fit.material_field, "force": fit.force_field}
+        self.x, self.frames = forward.simulator.x_rest, torch.arange(len(self.problem.prepared.clip) - 1, device=forward.device)
+        self.base = _base(self.problem, self.z)
+        self.bounds = _bounds(self.problem, self.base)
+        generator = torch.Generator().manual_seed(fit.seed)
+        place = forward.simulator.options
+        self.material = MATERIAL_FIELDS[fit.material_field](self.base, self.bounds, generator=generator).to(**place)
+        box, unit = Box.around(self.base.points), self.problem.layout.force_unit
+        self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), unit, generator=generator).to(**place)
+        self.start = Material(*(value.detach() for value in self.base.at(self.x)))
+        if fit.material_field == "triplane":
+            pretrain(self.material, self.x, self.start, self.bounds)
+        free = np.r_[np.arange(self.problem.layout.size)[self.problem.layout.motion_slice], self.problem.layout.parts, self.problem.layout.parts + 1]
+        self.free, self.whole = torch.as_tensor(free), torch.as_tensor(self.z, dtype=torch.float64)
+        self.motion = torch.nn.Parameter(self.whole[self.free].clone())
+        self.smoothness = Smoothness.of(self.base.points, device=forward.device)
+        self.allowed = forward.simulator.tensor(_allowed(self.problem))[:, None, None]
+        self.tightness = forward.simulator.tensor(_tightness(self.problem))
+
+    def parameters(self) -> list[dict[str, Any]]:
+        """Groups for the optimiser, by what they are of."""
+        groups = {"material": list(self.material.parameters()), "force": list(self.force.parameters()), "motion": [self.motion]}
+        rates = RATES | {"force": FORCE_RATES[self.words["force"]]}
+        return [{"params": parameters, "lr": rates[name], "name": name} for name, parameters in groups.items()]
+
+    def __call__(self) -> Terms:
+        """The loss of the fields as they are, infinite where the simulation leaves its bounds."""
+        forward, layout = self.problem.forward, self.problem.layout
+        z = self.whole.index_copy(0, self.free, self.motion)
+        material, force = self.material(self.x), self.force(self.x, self.frames) * self.allowed
+        _carry(self.problem, material, self.z)
+        unknowns = layout.unpack(z.to(forward.device, forward.dtype), modes=forward.basis.shape[2])
+        try:
+            motion = forward.simulate(unknowns, material.young, material.poisson, force)
+        except SimulationError as error:
+            self.problem.objective.failures.append(str(error))
+            return Terms(z, None, torch.tensor(float("inf")))
+        terms = self.problem.objective.terms(z, motion)
+        extra = self._prior(material, force / layout.force_unit).double().cpu()
+        terms.parts["fields"] = float(extra.detach())
+        terms.total = terms.total + extra
+        return terms
+
+    def _prior(self, material: Material, force: torch.Tensor) -> torch.Tensor:
+        """What `Prior` asks of constants and vectors, of fields: near the search's answer, small and smooth."""
+        fit = self.problem.settings.fit
+        away = (material.young / self.start.young).log().square() @ self.tightness
+        ratio = ((material.poisson - self.start.poisson) / POISSON_SD).square().mean()
+        size = Prior.FORCE * force.square().sum(-1).mean() + fit.force_smoothness * self.smoothness(force)
+        return 0.5 * (Prior.LOG_YOUNG * (away + ratio) + len(force) * size)
+
+    def modules(self) -> torch.nn.ModuleDict:
+        """Both fields, for their state."""
+        return torch.nn.ModuleDict({"material": self.material, "force": self.force})
+
+
+def train(problem: Problem, z: np.ndarray, *, began: float) -> Generator[Progress, None, Trained]:
+    """Fields from the search's answer z (size,); ends after fit.field_iterations, or with the time budget. `began` is the
+    monotonic clock at the start of the whole fit [s]."""
+    model, fit = FieldModel(problem, z), problem.settings.fit
+    optimiser = torch.optim.Adam(model.parameters())
+    best = _Best()
+    for k in range(fit.field_iterations):
+        before = time.monotonic()
+        terms = model()
+        best.offer(model, terms)
+        yield Progress("fields", k, fit.field_iterations, terms.value, text=f"{fit.material_field} material, {fit.force_field} force; best {best.value:.4g}")
+        if np.isfinite(terms.value):
+            _step(optimiser, terms, rest_material=k < WARM_UP * fit.field_iterations)
+        else:
+            best.restore(model)
+            _slow_down(optimiser)
+        now = time.monotonic()
+        if not fit.iterations and now - began + 2 * (now - before) > fit.time_budget_s:
+            break
+    best.offer(model, model())
+    best.restore(model)
+    with torch.no_grad():
+        terms = model()
+    return Trained(terms, _summary(model, best))
+
+
+@dataclass
+class _Best:
+    """The best state so far."""
+
+    value: float = float("inf")
+    state: tuple[dict[str, Any], torch.Tensor] | None = None
+    history: list[float] = field(default_factory=list)
+
+    def offer(self, model: FieldModel, terms: Terms) -> None:
+        self.history.append(terms.value)
+        if terms.value < self.value - LEAST_GAIN or self.state is None:
+            self.value, self.state = terms.value, (deepcopy(model.modules().state_dict()), model.motion.detach().clone())
+
+    def restore(self, model: FieldModel) -> None:
+        assert self.state is not None
+        model.modules().load_state_dict(self.state[0])
+        with torch.no_grad():
+            model.motion.copy_(self.state[1])
+
+
+def _step(optimiser: torch.optim.Optimizer, terms: Terms, *, rest_material: bool) -> None:
+    optimiser.zero_grad()
+    terms.total.backward()
+    if rest_material:
+        for group in optimiser.param_groups:
+            if group["name"] == "material":
+                for parameter in group["params"]:
+                    parameter.grad = None  # Adam leaves it and its moments alone
+    optimiser.step()
+
+
+def _slow_down(optimiser: torch.optim.Optimizer) -> None:
+    """Smaller steps, and no momentum into where the simulation failed."""
+    optimiser.state.clear()
+    for group in optimiser.param_groups:
+        group["lr"] *= SLOWER
+
+
+def _base(problem: Problem, z: np.ndarray) -> Believed:
+    """The search's moduli on the particles; inside a part the prior's pattern, where there is one that varies there."""
+    p, prepared = problem.disc.particles, problem.prepared
+    young, poisson = problem.layout.young_of(z)[p.part - 1], p.poisson
+    if prepared.prior is not None:
+        pattern, _ = on_points(prepared.prior, prepared.body, prepared.clip.camera, p.x_rest)
+        log_pattern = np.log(pattern)
+        volume = np.bincount(p.part, p.volume)
+        mean = np.bincount(p.part, p.volume * log_pattern) / np.maximum(volume, 1e-300)
+        young = young * np.exp(np.clip(log_pattern - mean[p.part], -np.log(SPAN), np.log(SPAN)))
+    return Believed(p.x_rest, young, poisson)
+
+
+def _bounds(problem: Problem, base: Believed) -> Bounds:
+    """SPAN about the moduli, no higher than fit.max_substeps carry."""
+    young, simulator = base.young, problem.forward.simulator
+    carried = simulator.max_young() * (problem.settings.fit.max_substeps / simulator.substeps) ** 2
+    return Bounds(float(young.min()) / SPAN, max(min(float(young.max()) * SPAN, carried), 1.001 * float(young.max())), log=True)
+
+
+def _allowed(problem: Problem) -> np.ndarray:
+    """1 in the frames (T - 1,) that may carry a force, 0 in those that are known to be free."""
+    return problem.prepared.start.forced[:-1].astype(float)
+
+
+def _tightness(problem: Problem) -> np.ndarray:
+    """Weights (P,) of squared log E: each part's mean, over the variance of its start value."""
+    p, start = problem.disc.particles, problem.prepared.start
+    variance = (np.log(10) * start.log10_young_sd[p.part - 1]) ** 2
+    return 1 / (variance * np.bincount(p.part)[p.part])
+
+
+def _carry(problem: Problem, material: Material, z: np.ndarray) -> None:
+    """Lay out the substeps anew where the fastest wave of the field has passed what they carry."""
+    p = problem.disc.particles
+    young, poisson = (value.detach().double().cpu().numpy() for value in material)
+    as_stiff = young * (wave_speed(1.0, poisson, 1.0) / wave_speed(1.0, p.poisson, 1.0)) ** 2
+    least = problem.layout.young_of(z)
+    problem.forward.ensure_substeps(np.array([as_stiff[p.part == k + 1].max(initial=e) for k, e in enumerate(least)]))
+
+
+def _summary(model: FieldModel, best: _Best) -> dict[str, Any]:
+    p, own = model.problem.disc.particles, model.problem.disc.particles.own
+    with torch.no_grad():
+        ratio = (model.material(model.x).young / model.start.young).log10().double().cpu().numpy()
+        force = (model.force(model.x, model.frames) * model.allowed).norm(dim=-1).double().cpu().numpy()
+    return {
+        "material_field": model.words["material"],
+        "force_field": model.words["force"],
+        "loss_history": best.history,
+        "log10_young_change_per_part": [float(ratio[own][p.part[own] == k + 1].mean()) for k in range(model.problem.layout.parts)],
+        "log10_young_change_spread": float(ratio[own].std()),
+        "field_force_rms_n_m3": float(np.sqrt((force[:, own] ** 2).mean())),
+    }

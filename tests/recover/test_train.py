@@ -1,0 +1,167 @@
+"""Fields of many parameters in the fit: on a bar whose material and force are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+
+import numpy as np
+import pytest
+import torch
+
+from diffphys_ros.config import build, leaves
+from diffphys_ros.fields import FORCE_FIELDS, MATERIAL_FIELDS
+from diffphys_ros.modes.elements import Elements, modal_model
+from diffphys_ros.recover import solve, train
+from diffphys_ros.recover.prepare import Prepared
+from diffphys_ros.recover.solve import Problem, pose_problem
+from diffphys_ros.recover.train import FORCE_RATES, FieldModel
+from diffphys_ros.types import MaterialPrior
+
+from .conftest import YOUNG
+from .test_solve import drive
+
+
+def settings(**fit):
+    return build({"scene.at_rest": True, "particles.cells": 3, "particles.per_cell": 1.5, "fit.iterations": 2} | {f"fit.{k}": v for k, v in fit.items()})
+
+
+def with_force(prepared: Prepared, share: float) -> Prepared:
+    """The same clip, its start with a share of the true force."""
+    return dataclasses.replace(prepared, start=dataclasses.replace(prepared.start, force=share * prepared.start.force))
+
+
+@pytest.fixture(scope="module")
+def one_part(prepared) -> Prepared:
+    """The two-part bar's motion, with a body in which nobody saw the boundary."""
+    body = dataclasses.replace(prepared.body, part=np.ones_like(prepared.body.part), density=np.array([600.0]), poisson=np.array([0.3]))
+    mean = np.array([1.7e5])
+    modal = modal_model(Elements.of(body), [mean], [8])
+    still = np.zeros(modal.modes)
+    start = dataclasses.replace(
+        prepared.start,
+        young=mean,
+        log10_young_sd=np.array([0.4]),
+        initial_displacement=still,
+        initial_velocity=still,
+        frequencies_hz=modal.frequencies(mean),
+        identified=np.ones(1, bool),
+        reasons=("seen",),
+    )
+    return dataclasses.replace(prepared, body=body, modal=modal, start=start)
+
+
+def trained(problem: Problem):
+    return drive(train.train(problem, problem.layout.start, began=time.monotonic()))
+
+
+def test_the_words_of_the_settings_are_the_fields() -> None:
+    assert set(leaves()["fit.material_field"].choices) == set(MATERIAL_FIELDS)
+    assert set(leaves()["fit.force_field"].choices) == set(FORCE_FIELDS) == set(FORCE_RATES)
+
+
+@pytest.mark.parametrize("word", FORCE_FIELDS)
+def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_material_alone(prepared, word: str) -> None:
+    problem = pose_problem(with_force(prepared, 0.01), None, settings(force_field=word, material_field="residual", field_iterations=32))
+    news, found = trained(problem)
+    p, motion = problem.disc.particles, found.terms.motion
+    assert found.terms.parts["track"] < 0.1 * news[0].loss
+    net = np.einsum("tpc,p->tc", motion.field_force.numpy().astype(float)[:, p.own], p.volume[p.own])
+    true = prepared.start.force[:-1]
+    assert (net * true).sum() / np.linalg.norm(net) / np.linalg.norm(true) > 0.85
+    assert np.linalg.norm(net) / (np.linalg.norm(true) * p.volume[p.own].sum()) == pytest.approx(0.9, abs=0.25)
+    assert abs(found.summary["log10_young_change_spread"]) < 0.05
+    assert not motion.field_force.numpy()[~prepared.start.forced[:-1]].any()
+
+
+@pytest.mark.parametrize("word", ["residual", "triplane"])
+def test_a_material_field_finds_the_stiffer_root_that_one_constant_cannot_hold(one_part, word: str) -> None:
+    problem = pose_problem(one_part, None, settings(material_field=word, field_iterations=50))
+    constant = problem.objective(problem.layout.start).parts["track"]
+    _, found = trained(problem)
+    x, young = problem.disc.particles.x_rest[:, 0], found.terms.motion.young.numpy()
+    root, rest = young[(x > 0) & (x < 0.08)].mean(), young[(x > 0.12) & (x < 0.25)].mean()
+    assert found.terms.parts["track"] < 0.5 * constant
+    assert 1.08 < root / rest < 2 * YOUNG[0] / YOUNG[1]
+
+
+@pytest.mark.parametrize("word", FORCE_FIELDS)
+@pytest.mark.parametrize("material", ["part", "residual"])
+def test_untrained_fields_cost_what_the_search_ended_with(prepared, word: str, material: str) -> None:
+    problem = pose_problem(prepared, None, settings(force_field=word, material_field=material))
+    with torch.no_grad():
+        model = FieldModel(problem, problem.layout.start)()
+    assert model.value == pytest.approx(problem.objective(problem.layout.start).value, rel=1e-5)
+
+
+def test_gradients_of_both_fields_through_the_simulation_match_central_differences(prepared) -> None:
+    words = settings(force_field="voxels", material_field="residual")
+    problem = pose_problem(prepared, None, words, dtype=torch.float64)
+    model = FieldModel(problem, problem.layout.start + 0.02)
+    noise = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for parameter in model.modules().parameters():
+            parameter += 0.05 * torch.randn(parameter.shape, generator=noise, dtype=torch.float64)
+    biases = [model.material.young.layers[-1].bias, model.material.poisson.layers[-1].bias, model.force.decoder.layers[-1].bias, model.motion]
+    gradients = torch.autograd.grad(model().total, biases)
+    for parameter, gradient in zip(biases, gradients, strict=True):
+        values = []
+        for step in (1e-4, -2e-4):
+            with torch.no_grad():
+                parameter.view(-1)[-1] += step
+                values.append(model().value)
+        with torch.no_grad():
+            parameter.view(-1)[-1] += 1e-4
+        assert float(gradient.view(-1)[-1]) == pytest.approx((values[0] - values[1]) / 2e-4, rel=2e-3, abs=1e-9)
+
+
+def test_a_step_into_nowhere_is_taken_back_and_the_best_fields_are_kept(prepared, monkeypatch) -> None:
+    monkeypatch.setitem(FORCE_RATES, "modes", 1e4)
+    problem = pose_problem(with_force(prepared, 0.9), None, settings(force_field="modes", field_iterations=4))
+    news, found = trained(problem)
+    assert any(not np.isfinite(n.loss) for n in news)
+    assert found.terms.value <= news[0].loss
+    assert problem.objective.failures
+
+
+@pytest.fixture(scope="module")
+def answer(one_part):
+    return drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=20)))
+
+
+def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> None:
+    news, recovery = answer
+    assert len({n.iteration for n in news if n.stage == "fields"}) == 20
+    assert recovery.metrics["refined"]
+    assert np.ptp(recovery.young) > 100
+    np.testing.assert_allclose(recovery.young, recovery.young_solver * recovery.metrics["apparent_stiffness"], rtol=1e-12)
+    assert np.ptp(recovery.poisson) > 0
+    assert np.ptp(recovery.force[2, :, 1]) > 0
+    assert json.loads(json.dumps(recovery.metrics["fields"]))["force_field"] == "modes"
+
+
+def test_two_runs_with_fields_are_equal_to_the_bit(answer, one_part) -> None:
+    _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=20)))
+    for name in ("young", "poisson", "force", "trajectory"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(answer[1], name))
+
+
+def test_without_words_for_fields_nothing_is_trained(prepared) -> None:
+    news, recovery = drive(solve(prepared, None, settings()))
+    assert "fields" not in recovery.metrics
+    assert "fields" not in {n.stage for n in news}
+    assert len(np.unique(recovery.young)) == 2
+
+
+def test_the_prior_s_pattern_inside_a_part_is_where_its_field_starts_and_the_part_keeps_its_level(one_part) -> None:
+    left_half = (np.arange(160) < 80)[None].repeat(120, 0)
+    prior = MaterialPrior(
+        np.where(left_half, 0, 1).astype(np.int16), ("a", "b"), np.array([4e8, 1e8]), np.full(2, 0.3), np.full(2, 0.3), np.full(2, 600.0), "test"
+    )
+    problem = pose_problem(dataclasses.replace(one_part, prior=prior), None, settings(material_field="residual"))
+    with torch.no_grad():
+        young = FieldModel(problem, problem.layout.start).material(problem.forward.simulator.x_rest).young.numpy()
+    assert young.max() / young.min() == pytest.approx(4.0, rel=1e-4)
+    level = np.average(np.log(young), weights=problem.disc.particles.volume)
+    assert level == pytest.approx(np.log(problem.layout.young[0]), abs=1e-4)
