@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +48,29 @@ def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
     view = (images[0][1].shape[1], images[0][1].shape[0], frame_id)
     tree = _static_transforms(bag)
     camera, undistort, found = seen_through(info, tree, settings, view, source, image_topic=image_topic, info_topic=info_topic)
+    mask = _first_mask(bag, settings.topics.mask, images[0][0], source)
     if undistort:
+        mask = None if mask is None else undistort(mask)
         images, depths = ([(stamp, undistort(image)) for stamp, image in some] for some in (images, depths))
-    return assemble(images, depths, camera, source, notes=[*notes, *depth_notes, *found])
+    return replace(assemble(images, depths, camera, source, notes=[*notes, *depth_notes, *found]), first_labels=mask)
+
+
+def _first_mask(bag: Bag, topic: str | None, stamp: int, source: str) -> np.ndarray | None:
+    """The label image uint8 (H, W) of a topic nearest in time to frame 0; None where none is wanted."""
+    if topic is None:
+        return None
+    if topic not in bag.types:
+        raise InputError(f"{source}: topics.mask is {topic!r}, must be one of {', '.join(sorted(bag.types))}")
+    masks, _, _ = _read_topic(bag, topic, source, "mask")
+    if not masks:
+        raise InputError(f"{source}: topic {topic} holds no message, needs a label image of frame 0; name another with topics.mask")
+    return min(masks, key=lambda item: abs(item[0] - stamp))[1][..., 0]
 
 
 def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
     """(stamp [ns], image) of a topic in the order of the recording, the images' frame, and notes."""
     images, unstamped, frame_id = [], False, ""
-    dimensions, what = (3, "colour") if setting == "image" else (2, "depth (16UC1 in mm or 32FC1 in m)")
+    dimensions, what = (2, "depth (16UC1 in mm or 32FC1 in m)") if setting == "depth" else (3, "colour" if setting == "image" else "8-bit label")
     for _, log_ns, message in bag.messages([topic]):
         image = decoded(message, source, topic)
         if image.ndim != dimensions:

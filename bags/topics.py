@@ -18,7 +18,7 @@ def choose_topics(bag: Bag, wanted: Topics, source: str) -> tuple[str, str | Non
 
     Raises InputError where a named topic is missing or of another type, where two would do, and where no colour is found.
     """
-    encodings = {topic: _encoding(bag, topic) for topic, kind in bag.types.items() if kind in (IMAGE, COMPRESSED)}
+    encodings = {topic: _encoding(bag, topic) for topic, kind in bag.types.items() if kind in (IMAGE, COMPRESSED) and topic != wanted.mask}
     colour = [t for t, e in encodings.items() if e == "colour"]
     depth = [t for t, e in encodings.items() if e == "depth"]
     infos = [t for t, kind in bag.types.items() if kind == INFO]

@@ -72,6 +72,7 @@ class Clip:
     observed: np.ndarray | None = None  # bool, shape (T,); None: all
     source: str = ""  # where the clip came from
     notes: tuple[str, ...] = ()  # what was assumed while reading, one sentence each
+    first_labels: np.ndarray | None = None  # frame 0 as a mask topic labels it, or 0 and 255 for background and object; uint8 (H, W)
 
     def __len__(self) -> int:
         return len(self.frames)

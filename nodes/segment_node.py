@@ -1,30 +1,72 @@
-"""segment_node: clip in, part labels out."""
+"""segment_node: clip in, part labels out; a click or a mask may say what the object is."""
 
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PointStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image
+
+from diffphys_ros.bags.read import decoded
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Camera
 
 from .clip_stage import MASK, ClipStage
 from .clip_topics import mask_messages, slot_stamps
+from .parameters import Own
 from .worker import Job
+
+CLICK, FIRST_MASK = "click", "first_mask"
+OWN = (Own("wait_for", "", "what to wait for before a clip is labelled, beside the clip itself: click, first_mask; empty: nothing", ("", CLICK, FIRST_MASK)),)
 
 
 class SegmentNode(ClipStage):
-    """Publishes clip/mask, one mono8 label image per frame, when the clip is complete."""
+    """Publishes clip/mask, one mono8 label image per frame, when the clip is complete; again when a click or a mask comes later."""
 
     def __init__(self) -> None:
-        super().__init__("segment_node", publishes=[MASK], masks=False)
+        self.told: dict[str, Any] = {}  # the latest click and mask
+        super().__init__("segment_node", OWN, publishes=[MASK], masks=False)
+        reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self.create_subscription(PointStamped, CLICK, lambda message: self.tell(CLICK, message), reliable)
+        self.create_subscription(Image, FIRST_MASK, lambda message: self.tell(FIRST_MASK, message), reliable)
+
+    def tell(self, what: str, message: Any) -> None:
+        """A person, or another node, says what the object in frame 0 is; the last word counts."""
+        self.note_input()
+        self.told = {what: message}
+        if self.complete and self.state == "working":
+            self.get_logger().warning(f"{what} came while the clip is labelled without it; send it again when that is done, or set wait_for")
+            return
+        self.complete = False
+        self.begin()
+
+    def waiting_for(self) -> str:
+        wanted = self.parameters["wait_for"]
+        return super().waiting_for() or (wanted if wanted and wanted not in self.told and not self.complete else "")
+
+    def forget(self) -> None:
+        super().forget()
+        self.told = {}
 
     def job(self) -> Job:
-        buffer, settings = self.buffer, self.parameters.settings()
+        buffer, settings, told = self.buffer, self.parameters.settings(), dict(self.told)
+        parameters = self.parameters
 
         def label() -> Generator[str, None, list[Any]]:
             from diffphys_ros.segment import label_clip
 
-            clip = buffer.clip()
+            clip, chosen = buffer.clip(), settings
+            if CLICK in told:
+                chosen = parameters.settings({"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
+            if FIRST_MASK in told:
+                clip = replace(clip, first_labels=labels_of(told[FIRST_MASK]))
+                chosen = parameters.settings({"scene.first_mask": None, "segment.method": "given"})
             yield f"labelling {len(clip)} frames"
-            return list(mask_messages(clip.with_labels(label_clip(clip, settings)), slot_stamps(clip, buffer.stamps())))
+            return list(mask_messages(clip.with_labels(label_clip(clip, chosen)), slot_stamps(clip, buffer.stamps())))
 
         return label
 
@@ -36,3 +78,30 @@ class SegmentNode(ClipStage):
         for name, fields in masks:
             self.send(name, fields)
         self.get_logger().info(f"published {len(masks)} label images")
+
+
+def pixel_of(click: Any, camera: Camera) -> np.ndarray:
+    """Where a geometry_msgs/PointStamped lies in the image (2,) [px].
+
+    In the camera's frame (or without a frame) a point with z = 0 is a pixel u, v, as image viewers send it; one with z > 0 is a point [m],
+    as is one in the world frame. Raises InputError for another frame and for points that the camera does not see.
+    """
+    point, frame = np.array([click.point.x, click.point.y, click.point.z]), click.header.frame_id
+    if frame in ("", camera.frame_id):
+        if point[2] == 0:
+            return point[:2]
+        point = camera.world_from_camera[:3, :3] @ point + camera.position
+    elif frame != camera.world_frame_id:
+        known = " or ".join(repr(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
+        raise InputError(f"topic {CLICK}: a point in frame {frame!r}, must be in {known}; transform it")
+    pixel, depth = camera.project(point)
+    if depth <= 0:
+        raise InputError(f"topic {CLICK}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
+    return pixel
+
+
+def labels_of(message: Any) -> np.ndarray:
+    """Label image uint8 (H, W) of a sensor_msgs/Image. Raises InputError where it is not mono8."""
+    if message.encoding not in ("mono8", "8UC1"):
+        raise InputError(f"topic {FIRST_MASK}: encoding is {message.encoding!r}, must be mono8; publish a label image of frame 0")
+    return decoded(message, "segment_node", FIRST_MASK)[..., 0]

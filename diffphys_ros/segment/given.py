@@ -13,24 +13,25 @@ from ..types import IGNORE, Clip
 
 
 def given_mask(clip: Clip, settings: Settings) -> np.ndarray:
-    """Label image of frame 0, uint8 (H, W), from the PNG `scene.first_mask`.
+    """Label image of frame 0, uint8 (H, W), from the PNG `scene.first_mask`, else from the clip's mask topic.
 
     Values 1..n are parts and 255 means ignore; an image with no other values than 0 and 255 is background and object, which is
     returned as 0 and 1. Raises InputError where the file cannot be read, has another size than the frames, is empty, or skips
     a part number.
     """
     name = settings.scene.first_mask
-    if not name:
-        raise InputError("segment.method is 'given' but scene.first_mask is not set; give the path of a PNG or choose 'motion'")
+    if name:
+        return _checked(_read(name), f"scene.first_mask {name}", clip)
+    if clip.first_labels is None:
+        raise InputError("segment.method is 'given' but neither scene.first_mask nor a mask topic is; give the path of a PNG or choose 'motion'")
+    return _checked(clip.first_labels, "the mask topic", clip)
+
+
+def _read(name: str) -> np.ndarray:
     image = cv2.imread(name, cv2.IMREAD_UNCHANGED) if Path(name).is_file() else None
     if image is None:
         raise InputError(f"scene.first_mask {name}: not a readable image; give the path of a PNG of the object in frame 0")
-    if image.ndim == 3:
-        image = image[..., :3].max(-1)
-    if image.shape != clip.frames.shape[1:3]:
-        height, width = clip.frames.shape[1:3]
-        raise InputError(f"scene.first_mask {name}: {image.shape[1]} x {image.shape[0]} pixels, must be {width} x {height} as the frames; give a mask of that size")
-    return _checked(image, name)
+    return image[..., :3].max(-1) if image.ndim == 3 else image
 
 
 def is_object_mask(labels: np.ndarray) -> bool:
@@ -38,12 +39,15 @@ def is_object_mask(labels: np.ndarray) -> bool:
     return bool(np.isin(labels, (0, IGNORE)).all())
 
 
-def _checked(image: np.ndarray, name: str) -> np.ndarray:
+def _checked(image: np.ndarray, name: str, clip: Clip) -> np.ndarray:
+    height, width = clip.frames.shape[1:3]
+    if image.shape != (height, width):
+        raise InputError(f"{name}: {image.shape[1]} x {image.shape[0]} pixels, must be {width} x {height} as the frames; give a mask of that size")
     if not image.any():
-        raise InputError(f"scene.first_mask {name}: empty, needs at least one pixel that is not 0; mark the object in frame 0")
+        raise InputError(f"{name}: empty, needs at least one pixel that is not 0; mark the object in frame 0")
     if is_object_mask(image):
         return (image > 0).astype(np.uint8)
     parts = np.setdiff1d(np.unique(image), (0, IGNORE))
     if not np.array_equal(parts, np.arange(1, len(parts) + 1)):
-        raise InputError(f"scene.first_mask {name}: part numbers {parts[:10].tolist()} must be 1..n without gaps (255: ignore); renumber the parts")
+        raise InputError(f"{name}: part numbers {parts[:10].tolist()} must be 1..n without gaps (255: ignore); renumber the parts")
     return image.astype(np.uint8)

@@ -32,7 +32,7 @@ def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
     """
     method = settings.segment.method
     if method == "auto":
-        method = "given" if settings.scene.first_mask else "sam" if settings.segment.model else "motion"
+        method = "given" if settings.scene.first_mask or clip.first_labels is not None else "sam" if settings.segment.model else "motion"
     if method not in METHODS:
         raise InputError(f"segment.method is {method!r}, must be one of {', '.join(METHODS)}")
     return propagate(clip.frames, clip.seen, first_labels(METHODS[method](clip, settings), clip, settings), clip.depth)
