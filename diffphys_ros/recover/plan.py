@@ -16,9 +16,11 @@ from ..simulate import substeps_per_frame
 from ..types import Body
 
 # seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
-RATES = {"cpu": (8e-7, 0.06), "cuda": (3.0e-8, 0.004)}
-LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 2.5e-4}  # launches, however few the particles
+RATES = {"cpu": (8e-7, 0.06), "cuda": (2e-9, 0.004)}
+LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the particles
 GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
+ENOUGH = 4  # cells that bend as truly as more (docs/accuracy.md) and twist within what the calibration takes up
+QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
 SEARCH_SHARE = 0.4  # of the time, where fields are trained after the search
@@ -47,7 +49,8 @@ class Plan:
 
 
 def make_plan(body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
-    """The finest grid on which the wanted iterations fit into fit.time_budget_s; InputError where max_substeps forbids all."""
+    """The finest grid on which the wanted iterations fit into fit.time_budget_s, into QUICK_S where it is finer than ENOUGH;
+    InputError where max_substeps forbids all."""
     plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in _grids(settings)]
     allowed = [p for p in plans if p.substeps <= settings.fit.max_substeps]
     if not allowed:
@@ -58,7 +61,8 @@ def make_plan(body: Body, young: np.ndarray, *, frames: int, period_s: float, se
         )
     wanted = settings.fit.iterations or WANTED_ITERATIONS
     budget_s = search_budget_s(settings)
-    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= budget_s]
+    asked = settings.particles.cells > 0
+    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= (budget_s if asked or p.cells <= ENOUGH else min(budget_s, QUICK_S))]
     plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
     return plan if settings.fit.iterations else _with_iterations(plan, budget_s)
 

@@ -5,19 +5,19 @@ import pytest
 
 from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
-from diffphys_ros.recover.plan import make_plan
+from diffphys_ros.recover.plan import QUICK_S, make_plan
 
 from .conftest import YOUNG, make_body
 
 
-def plan(**settings):
-    return make_plan(make_body(), YOUNG, frames=40, period_s=1 / 30, settings=build(settings), device="cpu")
+def plan(*, device="cpu", **settings):
+    return make_plan(make_body(), YOUNG, frames=40, period_s=1 / 30, settings=build(settings), device=device)
 
 
 def test_more_time_buys_a_finer_grid_and_the_expected_time_keeps_the_budget():
-    quick, slow = plan(**{"fit.time_budget_s": 60.0}), plan(**{"fit.time_budget_s": 3000.0})
+    quick, slow = plan(**{"fit.time_budget_s": 20.0}), plan(**{"fit.time_budget_s": 3000.0})
     assert slow.cells > quick.cells
-    for p, budget in ((quick, 60.0), (slow, 3000.0)):
+    for p, budget in ((quick, 20.0), (slow, 3000.0)):
         assert p.iterations * p.seconds_per_iteration <= budget
 
 
@@ -37,3 +37,11 @@ def test_substeps_follow_the_courant_number_of_one_half_at_the_margin():
     p = plan()
     speed = np.sqrt(1.5 * YOUNG.max() * 0.7 / (1.3 * 0.4) / 600)
     assert p.substeps == np.ceil(speed / 30 / (0.5 * p.dx))
+
+
+def test_more_than_four_cells_are_taken_only_where_that_costs_half_a_minute_at_most():
+    slow, fast = plan(device="cpu"), plan(device="cuda:0")
+    assert slow.cells == 4
+    assert fast.cells > 4
+    assert fast.iterations * fast.seconds_per_iteration <= 2 * QUICK_S
+    assert plan(**{"particles.cells": 6}).cells == 6
