@@ -42,8 +42,8 @@ def rest_nodes(grid: Grid, x: np.ndarray) -> int:
 @cache
 def enclosing(real: type, bordered: bool) -> SimpleNamespace:
     """Kernels `reach`, over particles, and `settle`, over simulations: boxes with room to move for a frame at the speeds at
-    its start, and a cell more. A box of more nodes than `room`, or of too few, is a single node instead, so that a flag rises; the last entry of
-    `flags` says how many the largest would need."""
+    its start, and a cell more. A box of more nodes than `room`, or of too few, is a single node instead, so that a flag
+    rises; the last entry of `flags` says how many the largest would need."""
     t, World = common(real), world_of(real, bordered).World
     nowhere, no_flag = wp.constant(wp.int32(NOWHERE[0])), wp.constant(wp.int64(NO_FLAG))
     recall = t.recall
