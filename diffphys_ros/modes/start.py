@@ -165,7 +165,8 @@ class _Fit:
         """The tail's misfit under a modal model."""
         first = self.support.tail_start
         seen = Projection.of(self.motion, modal)
-        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((seen.data[first:] ** 2).sum(1).mean())))
+        moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
+        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
         at_rest = self.settings.scene.at_rest
         return Tail(modal, seen, first, self.period_s, self.motion.known, at_rest, sigma, self.settings.modes.count)
 
@@ -187,10 +188,10 @@ class _Fit:
         tail, support, problem = self.tail(modal), self.support, self.force_problem(modal)
         load = problem.footprint_load(family, footprint)
         solution = problem.solve(physics, load)
-        residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3))
+        residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3)) if len(tail.data) else 0.0
         free = support.has_free_tail
         sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else self._sd_of_guess()
-        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m)
+        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m if free else 0.0)
         return StartValues(
             young=physics.young,
             log10_young_sd=sd,

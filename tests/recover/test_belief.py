@@ -130,3 +130,12 @@ def test_the_prior_goes_to_disk_and_back_with_the_prepared_clip_and_its_notes_in
     np.testing.assert_array_equal(back.prior.index, make_prior(80).index)
     assert back.prior.name == ("wood", "foam")
     assert "prior: said so" in notes(back)
+
+
+def test_a_clip_in_which_a_force_acts_to_the_end_has_start_values_all_the_same(prepared) -> None:
+    t = prepared.tracks
+    short = dataclasses.replace(t, pixels=t.pixels[:8], points=t.points[:8], valid=t.valid[:8])
+    start, _ = start_values(prepared.body, short, PERIOD_S, build({}))
+    assert not start.has_free_tail
+    assert not start.identified.any()
+    assert np.isfinite(start.young).all()
