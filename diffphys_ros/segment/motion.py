@@ -18,6 +18,7 @@ LEAST_SHARE = 0.001  # of the image that must move
 STEADY = 0.3  # quantile over the frames in which a pixel must have moved: background that is merely passed over fails it
 MOST_FRAMES = 24
 CHROMA_SPREAD = 4.0  # units of CIELAB within which two chromas are one
+SPOT_SHARE = 0.15  # of the root of the core's area: radius of a spot of the scene's colours on a still root of foreign ones
 RARE = 0.002  # share of the scene below which a chroma is foreign to it
 
 
@@ -49,9 +50,8 @@ def moving_core(frames: np.ndarray, prompt: Prompt) -> np.ndarray:
     rank = np.clip((STEADY * claimed.sum(0)).astype(int), 0, len(gain) - 1)
     steady = np.take_along_axis(ordered, rank[None], 0)[0]
     moving = (claimed.sum(0) >= max(2, len(gain) // 5)) & (steady > LEAST_GAIN)
-    gap = 2 * max(2, round(0.015 * np.sqrt(moving.size))) + 1
-    closed = cv2.morphologyEx(moving.astype(np.uint8), cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (gap, gap)))
-    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+    closed = _closed(moving, 0.015 * np.sqrt(moving.size))
+    opened = cv2.morphologyEx(closed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
     return filled(prompt.region(opened))
 
 
@@ -98,7 +98,7 @@ def _likely(frame: np.ndarray, core: np.ndarray, within: np.ndarray) -> np.ndarr
     inside, outside = (_frequency(bins[region]) for region in (core, ~core))
     alike = (inside > outside)[bins]
     if not within.all():
-        alike |= within & _foreign(lab, within)
+        alike |= within & _closed(within & _foreign(lab, within), SPOT_SHARE * np.sqrt(core.sum()))
     _, regions = cv2.connectedComponents(cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) | core)
     return (regions > 0) & np.isin(regions, np.unique(regions[core]))
 
@@ -108,6 +108,12 @@ def _foreign(lab: np.ndarray, within: np.ndarray) -> np.ndarray:
     bins = lab[..., 1].astype(int) * 256 + lab[..., 2]
     count = cv2.GaussianBlur(np.bincount(bins[~within], minlength=256 * 256).reshape(256, 256).astype(np.float32), (0, 0), CHROMA_SPREAD)
     return (count * (2 * np.pi * CHROMA_SPREAD**2) < RARE * (~within).sum()).ravel()[bins]
+
+
+def _closed(mask: np.ndarray, radius: float) -> np.ndarray:
+    """A mask with its gaps up to twice the radius [px] closed."""
+    side = 2 * max(2, round(radius)) + 1
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
 
 
 def _frequency(bins: np.ndarray) -> np.ndarray:
