@@ -142,7 +142,7 @@ def test_the_simulator_holds_what_its_formula_says(budget_mb):
 @pytest.mark.parametrize("batch", [1, 4])
 def test_a_rollout_and_its_gradient_hold_what_the_memory_formula_says(batch):
     """Without a budget; nodes: 18 scalars each (three grids, a velocity grid and the drag)."""
-    body, substeps, frames = block((12, 3, 3), dx=0.02), 64, 40
+    body, substeps, frames = block((12, 3, 3), dx=0.02, per_cell=1.5), 64, 20
     sim = simulator(body, substeps=substeps, period_s=PERIOD_S, memory_budget_mb=0.0, dtype=torch.float32, batch=batch)
     saved: dict[int, int] = {}
 
