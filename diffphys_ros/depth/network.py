@@ -83,7 +83,7 @@ def scaled_inverse(inverse: np.ndarray, clip: Clip, mask: np.ndarray, settings: 
         factor, offset = _line(inverse[known], 1 / clip.depth[0][known])
         return 1 / np.maximum(factor * inverse + offset, 1e-6), DEPTH_TOPIC
     found = _reference(clip, mask, settings)
-    distance, scale = found if found is not None else object_distance(clip.camera, mask, settings)
+    distance, scale = found if found is not None else object_distance(clip, mask, settings)
     relief = _relief(clip.camera, mask, distance, settings)
     low, middle, high = np.quantile(inverse[mask], (TAILS[0], 0.5, TAILS[1]))
     share = np.clip((inverse - middle) / max(high - low, 1e-12), -1, 1)
@@ -95,7 +95,7 @@ def _reference(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[float,
     if on_clamp(clip, settings):
         depth, _ = inflated_depth(clip, mask, settings)
         return float(np.median(depth[mask])), CLAMP
-    return object_distance(clip.camera, mask, settings) if settings.scene.size_m is not None else None
+    return object_distance(clip, mask, settings) if settings.scene.size_m is not None else None
 
 
 def _relief(camera: Camera, mask: np.ndarray, distance: float, settings: Settings) -> float:

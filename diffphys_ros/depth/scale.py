@@ -36,12 +36,15 @@ def on_clamp(clip: Clip, settings: Settings) -> bool:
     return scene.clamp_box_m is not None and scene.thickness_axis is not None and clip.camera.pose_known
 
 
-def object_distance(camera: Camera, mask: np.ndarray, settings: Settings) -> tuple[float, str]:
-    """Depth of the object's surface as one number [m] without a clamp, and what fixed it: the known size, or nothing."""
-    size = settings.scene.size_m
-    if size is None or not mask.any():
+def object_distance(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[float, str]:
+    """Depth of the object's front as one number [m], and what fixed it: the clamp, the known size, or nothing."""
+    scene = settings.scene
+    if scene.clamp_box_m is not None and on_clamp(clip, settings):
+        centre = np.reshape(scene.clamp_box_m, (2, 3)).mean(0)
+        return float(clip.camera.project(centre)[1]) - (scene.thickness_m or 0.0) / 2, CLAMP
+    if scene.size_m is None or not mask.any():
         return ASSUMED_DISTANCE_M, UNKNOWN
-    return size / _extent_at_unit_depth(camera, mask), f"size_m {size:g} m, taken across the line of sight"
+    return scene.size_m / _extent_at_unit_depth(clip.camera, mask), f"size_m {scene.size_m:g} m, taken across the line of sight"
 
 
 def _extent_at_unit_depth(camera: Camera, mask: np.ndarray) -> float:

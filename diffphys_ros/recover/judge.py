@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..types import Recovery, Tracks
 from .prepare import Prepared
 
 MOVING_PX = 0.5  # rms displacement of the tracks from which a frame counts as moving: a still one equals frame 0, at 100 dB
+Measure = Callable[[np.ndarray, np.ndarray, np.ndarray], float]
 LEFT_OUT = f"LPIPS was left out because {BACKBONE} and {HEADS} are not set."
 
 
@@ -33,27 +35,17 @@ class Judge:
 
     def judged(self, recovery: Recovery, prepared: Prepared) -> Recovery:
         """The recovery with masked PSNR over the moving frames and masked LPIPS, each beside the frozen first frame's."""
-        if recovery.frames is None or prepared.clip.labels is None:
+        clip, labels = prepared.clip, prepared.clip.labels
+        if recovery.frames is None or labels is None:
             return recovery
-        found = self._moving(recovery.frames, prepared) | self._perceptual(recovery.frames, prepared)
-        notes = recovery.notes if self.lpips else (*recovery.notes, LEFT_OUT)
-        return replace(recovery, metrics=recovery.metrics | found, notes=notes)
-
-    def _moving(self, frames: np.ndarray, prepared: Prepared) -> dict[str, object]:
-        clip, mask = prepared.clip, foreground(prepared.clip.labels)
-        chosen = [k for k in np.flatnonzero(moving_frames(prepared.tracks) & clip.seen) if mask[k].any()]
-        own = [psnr_masked(frames[k], clip.frames[k], mask[k]) for k in chosen]
-        frozen = [psnr_masked(clip.frames[0], clip.frames[k], mask[k]) for k in chosen]
-        return {"moving_frames": len(chosen), "psnr_masked_moving": _mean(own), "psnr_masked_moving_frozen_frame": _mean(frozen)}
-
-    def _perceptual(self, frames: np.ndarray, prepared: Prepared) -> dict[str, object]:
+        mask = foreground(labels)
+        shown = clip.seen & mask.any((1, 2))
+        moving = np.flatnonzero(shown & moving_frames(prepared.tracks))
+        found = {"moving_frames": len(moving), **_beside_frozen("psnr_masked_moving", psnr_masked, recovery.frames, clip.frames, mask, moving)}
         if self.lpips is None:
-            return {}
-        clip, mask = prepared.clip, foreground(prepared.clip.labels)
-        chosen = [k for k in np.flatnonzero(clip.seen) if mask[k].any()]
-        own = [self.lpips.masked(frames[k], clip.frames[k], mask[k]) for k in chosen]
-        frozen = [self.lpips.masked(clip.frames[0], clip.frames[k], mask[k]) for k in chosen if k > 0]
-        return {"lpips_masked": _mean(own), "lpips_masked_frozen_frame": _mean(frozen)}
+            return replace(recovery, metrics=recovery.metrics | found, notes=(*recovery.notes, LEFT_OUT))
+        found |= _beside_frozen("lpips_masked", self.lpips.masked, recovery.frames, clip.frames, mask, np.flatnonzero(shown)[1:])
+        return replace(recovery, metrics=recovery.metrics | found)
 
 
 def moving_frames(tracks: Tracks) -> np.ndarray:
@@ -63,5 +55,10 @@ def moving_frames(tracks: Tracks) -> np.ndarray:
     return np.where(tracks.valid, square, 0).sum(1) >= MOVING_PX**2 * np.maximum(valid, 1)
 
 
-def _mean(values: list[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")
+def _beside_frozen(
+    name: str, measure: Measure, rendered: np.ndarray, observed: np.ndarray, mask: np.ndarray, chosen: np.ndarray
+) -> dict[str, float]:
+    """Means over the chosen frames of a measure of (image, image, mask), of the rendering and of the observed frame 0; NaN where none is chosen."""
+    own = [measure(rendered[k], observed[k], mask[k]) for k in chosen]
+    frozen = [measure(observed[0], observed[k], mask[k]) for k in chosen]
+    return {key: float(np.mean(values)) if values else float("nan") for key, values in ((name, own), (f"{name}_frozen_frame", frozen))}

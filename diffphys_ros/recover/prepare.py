@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..losses import foreground
 from ..modes.model import ModalModel
 from ..types import Body, Clip, MaterialPrior, StartValues, Tracks
-from .belief import believed, of_parts
+from .belief import believed, of_parts, parted
 from .law import law_to_fit
 from .progress import Progress
 
@@ -71,6 +71,8 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     check_clip(clip)
     yield Progress("depth", text="depth of the visible surface")
     depth0, source = surface_depth(clip, settings)
+    if settings.depth.source not in ("auto", "topic"):
+        clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
     yield Progress("tracks", text="following surface points")
     tracks = follow(clip, depth0, settings)
     yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
@@ -78,6 +80,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     body = replace(body, sources=body.sources | {"metric_scale": source.scale})
     prior = material_prior(clip, settings)
     if prior is not None:
+        body = parted(body, prior, clip.camera)
         body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
         yield Progress("body", text=describe_prior(prior))
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
