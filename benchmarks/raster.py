@@ -47,7 +47,9 @@ def gaussians(camera: Camera, count: int, frames: int, coefficients: int, device
     moved = np.linspace(0, MOVED_M, frames)[:, None, None]
     color = rng.normal(0, 0.3, (count, coefficients, 3)) if coefficients else rng.random((count, 3))
     values = (mean + moved, np.broadcast_to(rng.normal(size=(count, 4)), (frames, count, 4)), spread * rng.uniform(0.5, 1.5, (count, 3)))
-    return [torch.tensor(v, dtype=torch.float32, device=device, requires_grad=True) for v in (*values, rng.uniform(0.2, 0.95, count), color)]
+    return [
+        torch.tensor(v, dtype=torch.float32, device=device, requires_grad=True) for v in (*values, rng.uniform(0.2, 0.95, count), color)
+    ]
 
 
 def turn(render: Callable[[], tuple[torch.Tensor, ...]], leaves: list[torch.Tensor], seen: list[torch.Tensor]) -> Callable[[], float]:

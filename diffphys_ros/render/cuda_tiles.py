@@ -9,10 +9,11 @@ Where the lists outgrow the room given, they are cut, and the last cursor says h
 
 import warp as wp
 
+from .step import BLOCK
+
 wp.set_module_options({"enable_backward": False})
 
 TILE_PX = 16
-BLOCK = 256  # threads
 SCAN_BLOCK = 1024
 
 

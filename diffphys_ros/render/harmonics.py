@@ -2,9 +2,14 @@
 
 """Colours that change with the direction of view: real spherical harmonics of degree 0 to 3."""
 
+from functools import lru_cache
+
 import torch
 import warp as wp
 
+from .step import BLOCK, Step, addresses, stream_of
+
+KNOWN_SIZES = 32  # numbers of frames and Gaussians for which launches are kept
 DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}  # of so many coefficients
 
 
@@ -52,7 +57,7 @@ def shade(mean: torch.Tensor, coefficients: torch.Tensor, eye: tuple[float, floa
 
     As in Kerbl et al. 2023: 0.5 + the sum over the basis, not below 0. Contiguous float32 tensors; differentiable in both.
     """
-    return _Shade.apply(mean, coefficients, wp.vec3(*eye))
+    return _Shade.apply(mean, coefficients, eye)
 
 
 class _Shade(torch.autograd.Function):
@@ -61,7 +66,7 @@ class _Shade(torch.autograd.Function):
         ctx.save_for_backward(mean, coefficients)
         ctx.eye = eye
         color = torch.empty_like(mean).view(-1, 3)
-        _launch(mean, coefficients, eye, color)
+        _step(mean, coefficients, eye)(stream_of(mean.device), *addresses(mean, coefficients, color))
         return color
 
     @staticmethod
@@ -69,19 +74,18 @@ class _Shade(torch.autograd.Function):
     def backward(ctx, d_color):
         mean, coefficients = ctx.saved_tensors
         d_mean, d_coefficients = torch.zeros_like(mean), torch.zeros_like(coefficients)
-        color, seen = torch.empty_like(d_color), d_color.clone(memory_format=torch.contiguous_format)
-        adjoint = {"adj_inputs": [0, 0, 0, wp.vec3(), *_rows(d_mean, d_coefficients)], "adj_outputs": _rows(seen), "adjoint": True}
-        _launch(mean, coefficients, ctx.eye, color, **adjoint)
+        color = torch.empty_like(mean)
+        seen = d_color.clone(memory_format=torch.contiguous_format)  # which the kernel may change
+        arrays = addresses(mean, coefficients, color, d_mean, d_coefficients, seen)
+        _step(mean, coefficients, ctx.eye, adjoint=True)(stream_of(mean.device), *arrays)
         return d_mean, d_coefficients, None
 
 
-def _launch(mean, coefficients, eye, color, **adjoint) -> None:
-    frames, gaussians = mean.shape[:2]
-    inputs = [frames, gaussians, DEGREES[coefficients.shape[1]], eye, *_rows(mean, coefficients)]
-    stream = wp.stream_from_torch(torch.cuda.current_stream(mean.device)) if mean.is_cuda else None
-    device = wp.device_from_torch(mean.device)
-    wp.launch(shade_frames, gaussians, inputs, _rows(color), device=device, stream=stream, **adjoint)
+def _step(mean, coefficients, eye, adjoint=False):
+    return _recorded(*mean.shape[:2], DEGREES[coefficients.shape[1]], eye, mean.device, adjoint)
 
 
-def _rows(*tensors):
-    return [wp.from_torch(t.detach().view(-1, 3), dtype=wp.vec3, return_ctype=True) for t in tensors]
+@lru_cache(KNOWN_SIZES)
+def _recorded(frames, gaussians, degree, eye, device, adjoint):
+    numbers, arrays = [frames, gaussians, degree, wp.vec3(*eye)], [wp.vec3] * (6 if adjoint else 3)
+    return Step(shade_frames, gaussians, numbers, arrays, wp.device_from_torch(device), adjoint=adjoint, block_dim=BLOCK)
