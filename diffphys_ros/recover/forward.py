@@ -108,20 +108,23 @@ class ForwardModel:
 
     def capture(self, young: np.ndarray) -> None:
         """Lay out the substeps anew for moduli (n,) [Pa]."""
-        body, clip = self.prepared.body, self.prepared.clip
-        substeps = substeps_per_frame(young, body.poisson, body.density, dx=self.disc.grid.dx, period_s=clip.period_s)
-        self.simulator = Simulator(
-            self.disc.particles,
-            self.disc.grid,
-            substeps=substeps,
+        self.simulator = self._simulator_for(young)
+        self.damping = self._modal_damping()
+
+    def _simulator_for(self, young: np.ndarray, *, batch: int | None = None) -> Simulator:
+        body, clip, disc = self.prepared.body, self.prepared.clip, self.disc
+        return Simulator(
+            disc.particles,
+            disc.grid,
+            substeps=substeps_per_frame(young, body.poisson, body.density, dx=disc.grid.dx, period_s=clip.period_s),
             period_s=clip.period_s,
             gravity=body.gravity,
             device=self.device,
             dtype=self.dtype,
             law=self.law,
             planes=self.planes,
+            batch=batch,
         )
-        self.damping = self._modal_damping()
 
     def ensure_substeps(self, young: np.ndarray) -> bool:
         """Capture again where the stiffest of moduli (n,) [Pa] has passed what the substeps carry; whether that happened."""
@@ -147,7 +150,7 @@ class ForwardModel:
         """Motion with E [Pa] of every particle (P,), a Poisson's ratio (P,) in place of the particles' own, and a force density
         [N/m^3] (T - 1, P, 3) on top of the family's. Raises SimulationError."""
         poisson = self.poisson if field_poisson is None else field_poisson
-        start = self._start(unknowns, young, poisson)
+        start = self._start(unknowns, young, poisson, self.simulator)
         force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
         states = self.simulator.rollout(
             start,
@@ -161,16 +164,37 @@ class ForwardModel:
         since0 = states.F @ torch.linalg.inv(start.F)[None]
         return Motion(states.x, since0, unknowns, start, young, field_poisson, field_force)
 
-    def _start(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor) -> State:
+    def displacements(self, zs: np.ndarray) -> torch.Tensor:
+        """From frame 0 [m], (B, T, P, 3), under unknowns zs (B, size) that differ in log E alone: one batch of simulations, without
+        gradients. Raises SimulationError."""
+        stiffest = np.max([self.layout.young_of(z) for z in zs], axis=0)
+        simulator = self._simulator_for(stiffest, batch=len(zs))
+        with torch.no_grad():
+            every = [self.layout.unpack(simulator.tensor(z), modes=self.basis.shape[2]) for z in zs]
+            young = torch.stack([unknowns.young[self.part] for unknowns in every])
+            start = self._start(every[0], young, self.poisson, simulator)
+            force = every[0].force[:-1, None, :] * self.weights[None, :, None]
+            states = simulator.rollout(
+                start,
+                young,
+                self.poisson,
+                force,
+                every[0].mass_damping,
+                after_frame=lambda state: self.damping.kick(state, every[0].stiffness_damping),
+            )
+        return (states.x - states.x[:1]).transpose(0, 1)
+
+    def _start(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor, simulator: Simulator) -> State:
         """Frame 0: settled under gravity, then the recovered initial motion on top."""
-        state = self.simulator.rest()
+        state = simulator.rest()
         if self.disc.sag_gradient is not None:
-            state = self.simulator.settle(young, poisson, self.simulator.tensor(self.disc.sag_gradient))
+            state = simulator.settle(young, poisson, simulator.tensor(self.disc.sag_gradient))
         if not self.layout.motion_unit.size:
             return state
         strain = self.basis_gradient @ unknowns.initial_displacement
         F = state.F + strain @ state.F
-        return state.replace(v=self.basis @ unknowns.initial_velocity, C=self.basis_gradient @ unknowns.initial_velocity, F=F)
+        v, C = (field @ unknowns.initial_velocity for field in (self.basis, self.basis_gradient))
+        return state.replace(v=v.expand_as(state.v), C=C.expand_as(state.C), F=F)
 
     def _modal_damping(self) -> ModalDamping:
         young = self.prepared.start.young

@@ -26,12 +26,12 @@ from .observations import TrackTarget, acceleration_scale
 from .plan import Plan, fields_wanted, make_plan, search_budget_s
 from .prepare import Prepared, scaled_start
 from .progress import Progress
+from .scan import best_scale
 from .train import Trained, train
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
 POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
-SCAN = np.linspace(-0.5, 0.5, 11)  # of log E
 LONGEST_STEP, LONGEST_DAMPING = 0.4, 1.0  # of log E, and of damping in its units, in one iteration
 
 
@@ -149,21 +149,9 @@ def _first(problem: Problem, checkpoint: Checkpoint) -> Generator[Progress, None
     if terms.parts.get("track", np.inf) < POOR * problem.settings.fit.track_weight:
         return begin(lambda z: terms, start, problem.hessian)
     yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
-    found = _best_scale(problem, start)
+    found = best_scale(problem.objective, start, room=_room(problem, start).min())
     problem.forward.ensure_substeps(problem.layout.young_of(found))
     return begin(problem.objective, found, problem.hessian)
-
-
-def _best_scale(problem: Problem, z: np.ndarray) -> np.ndarray:
-    """z with all moduli times the factor that explains the motion best. A start whose phase runs off by half a swing lies in
-    another valley than the answer, where no gradient leads out; a scan over one number does."""
-    parts, best = slice(0, problem.layout.parts), (np.inf, z)
-    for shift in SCAN:
-        trial = z.copy()
-        trial[parts] += min(shift, _room(problem, z).min())
-        with torch.no_grad():
-            best = min(best, (problem.objective(trial).value, trial), key=lambda pair: pair[0])
-    return best[1]
 
 
 def _recapture(problem: Problem, state: Iterate) -> Iterate:
