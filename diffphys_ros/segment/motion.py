@@ -18,7 +18,7 @@ LEAST_SHARE = 0.001  # of the image that must move
 STEADY = 0.3  # quantile over the frames in which a pixel must have moved: background that is merely passed over fails it
 MOST_FRAMES = 24
 CHROMA_SPREAD = 4.0  # units of CIELAB within which two chromas are one
-SPOT_SHARE = 0.15  # of the root of the core's area: radius of a spot of the scene's colours on a still root of foreign ones
+SPOT_SHARE = 0.07  # of the root of the core's area: radius of a spot of the scene's colours on a still root of foreign ones
 RARE = 0.002  # share of the scene below which a chroma is foreign to it
 
 
