@@ -14,6 +14,13 @@ def has_gsplat() -> bool:
     return importlib.util.find_spec("gsplat") is not None
 
 
+def gsplat_version() -> str:
+    """Of the package that is installed."""
+    import gsplat
+
+    return gsplat.__version__
+
+
 def gsplat_cameras(camera: Camera, frames: int, device: str) -> tuple[torch.Tensor, torch.Tensor]:
     """World-to-camera poses (T, 1, 4, 4) and intrinsics (T, 1, 3, 3); gsplat's pixel centres lie at halves, and it knows no skew."""
     pose = torch.linalg.inv(torch.as_tensor(camera.world_from_camera)).float().to(device)

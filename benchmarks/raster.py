@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from peer import gsplat_cameras, gsplat_frames, has_gsplat, per_frame
+from peer import gsplat_cameras, gsplat_frames, gsplat_version, has_gsplat, per_frame
 from table import Row, record, row
 
 from diffphys_ros.render import Rasterizer
@@ -91,7 +91,11 @@ def measure(size: tuple[int, int], count: int, frames: int, device: str, coeffic
     name = f"raster_{'cpu_' if kind == 'cpu' else ''}{count // 1000}k_{size[0]}x{size[1]}{suffix}"
     rows = [row(name, found[0], "ms", device=device)]
     if len(found) > 1:
-        rows += [row(f"{name}_gsplat", found[1], "ms", device=device), row(f"{name}_vs_gsplat", found[0] / found[1], "x", device=device)]
+        theirs_too = [
+            row(f"{name}_gsplat", found[1], "ms", device=device),
+            row(f"{name}_vs_gsplat", found[0] / found[1], "x", device=device),
+        ]
+        rows += [replace(r, versions=f"{r.versions}, gsplat {gsplat_version()}") for r in theirs_too]
     return rows
 
 
