@@ -12,6 +12,8 @@ LARGEST_JUMP_PX = 3.0  # from the prediction of the frame before
 LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
 DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
 NEIGHBOURS = 9  # points whose median a point is compared with
+AROUND = 20  # points whose affine motion tells where another one is
+RIGIDITY_PX2 = 2.0  # added to their second moment: where they lie in a line, a point moves along with them and no more
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ def seed_points(image: np.ndarray, mask: np.ndarray, *, spacing_px: int, most: i
 def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
     """Positions [px] (T, M, 2) and validity (T, M) of points `start` (M, 2) of frame 0 in every frame.
 
-    Every frame is matched against frame 0 (no drift), starting from where the frame before predicts the point.
+    Every frame is matched against frame 0 (no drift), starting from where the frame before predicts the point. A point that is not
+    found there is looked for once more where the motion of those found puts it, so that what is lost in one frame comes back in the next.
     """
     pixels = np.repeat(start[None], len(images), 0)
     valid = np.zeros((len(images), len(start)), bool)
@@ -66,12 +69,26 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
         if not seen[k]:
             continue
         predicted = _predict(images[last], images[k], pixels[last], start, matching)
-        matched, good = _match(images[0], images[k], start, predicted, matching)
-        good &= np.linalg.norm(matched - predicted, axis=1) < LARGEST_JUMP_PX
-        good = _agreeing(start, matched - start, good)
-        pixels[k] = np.where(good[:, None], matched, predicted)
-        valid[k], last = good, k
+        found, good = _found(images[0], images[k], start, predicted, matching)
+        if AROUND <= good.sum() < len(good):
+            lost = np.flatnonzero(~good)
+            expected = (start[lost] + affine_motion(start[lost], start[good], (found - start)[good])[0]).astype(np.float32)
+            found[lost], good[lost] = _found(images[0], images[k], start[lost], expected, matching)
+            good = _agreeing(start, found - start, good)
+        pixels[k], valid[k], last = found, good, k
     return pixels, valid
+
+
+def affine_motion(at: np.ndarray, points: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement (N, 2) and its gradient (N, 2, 2) at positions (N, 2), by affine fits to the AROUND nearest of points (M, 2), no fewer."""
+    index = cKDTree(points).query(at, k=AROUND)[1]
+    point, value = points[index].astype(float), displacement[index].astype(float)
+    centre, mean = point.mean(1), value.mean(1)
+    arm = point - centre[:, None]
+    second = np.einsum("nka,nkb->nab", arm, arm) / AROUND + RIGIDITY_PX2 * np.eye(2)
+    cross = np.einsum("nka,nkb->nab", value - mean[:, None], arm) / AROUND
+    gradient = cross @ np.linalg.inv(second)
+    return mean + np.einsum("nab,nb->na", gradient, at - centre), gradient
 
 
 def _lucas_kanade(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray, matching: Matching, levels: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,9 +106,12 @@ def _round_trip(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray,
     return there, np.where(found & returned, np.linalg.norm(back - at, axis=1), np.inf)
 
 
-def _match(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
+def _found(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (M, 2) in an image of points of the first, near where they are predicted, and which are trusted; else the prediction."""
     there, error = _round_trip(first, image, start, predicted, matching, 1)
-    return there, error < matching.round_trip_px
+    good = (error < matching.round_trip_px) & (np.linalg.norm(there - predicted, axis=1) < LARGEST_JUMP_PX)
+    good = _agreeing(start, there - start, good)
+    return np.where(good[:, None], there, predicted), good
 
 
 def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.ndarray, matching: Matching) -> np.ndarray:

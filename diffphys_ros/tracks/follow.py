@@ -8,8 +8,10 @@ from ..config import Settings
 from ..correspondence import Matching, normalised, seed_points, track_pixels
 from ..errors import InputError
 from ..types import IGNORE, Clip, Tracks
+from .coherence import settled
 from .lift import points_from_depth, points_on_planes, without_oddities
 from .noise import displacement_noise, track_residuals
+from .refine import refined
 
 MOST_TRACKS = 500
 LEAST_TRACKS = 8
@@ -21,7 +23,8 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     """Tracks of visible surface points (see types.Tracks).
 
     Lucas-Kanade from frame 0 straight to k, so that errors do not add up, seeded by the track at k - 1; checked forwards and
-    backwards and against the neighbours. Needs `clip.labels`.
+    backwards and against the neighbours; then matched again by patches that turn and shear with the surface. What no motion shared by
+    all tracks explains is dropped. Needs `clip.labels`.
 
     Args:
         clip: recording with label images.
@@ -38,8 +41,10 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     start = seed_points(images[0], mask, spacing_px=settings.tracks.spacing_px, most=MOST_TRACKS)
     matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
     pixels, valid = track_pixels(images, start, clip.seen, matching)
+    pixels, valid = refined(clip.frames, pixels, valid, mask, window_px=settings.tracks.window_px)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
     valid = without_oddities(points, valid)
+    points, valid = settled(clip, points, valid)
     keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)
     if keep.sum() < LEAST_TRACKS:
         raise InputError(

@@ -1,0 +1,101 @@
+"""What all tracks share: a few coordinates over time, which tell wrong positions and correct the depth of frame 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Clip
+
+RANK = 6  # most coordinates: the modes that move, and their products
+STEADY = 0.9  # share of the received frames in which a track must hold to span the coordinates
+LEAST_STEADY = 40  # tracks that must; else the best ones do
+LEAST_HOLDING = 0.1  # share of the tracks that must hold in a frame
+FRAMES_PER_RANK = 4  # received frames that one coordinate needs
+WILD, FAR = 10.0, 4.0  # of a position from the fit, in medians over all tracks and frames: it no longer counts, first and last
+ROUNDS = 4  # of fitting again at the end
+WRONG = 7.0  # from which the track does not hold in that frame
+RIDGE = 1e-3  # against tracks that hold in few frames; a coordinate seen in all of them has the weight of their number
+
+
+@dataclass(frozen=True)
+class SharedMotion:
+    """position(t, m) = mean_m + sum_i q_i(t) shape_mi + error, for all frames alike, frame 0 among them."""
+
+    fitted: np.ndarray  # positions [m], (T, M, 3)
+    error: np.ndarray  # its length [m], (T, M)
+    scale: float  # median of that [m]
+    known: np.ndarray  # frames in which enough tracks hold, bool, (T,)
+
+    @property
+    def plausible(self) -> np.ndarray:
+        """Which positions lie near the fit, bool, (T, M)."""
+        return self.known[:, None] & (self.error < WRONG * self.scale)
+
+
+def settled(clip: Clip, points: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (T, M, 3) [m] and validity (T, M) without what no motion shared by all tracks explains.
+
+    A depth topic's error in frame 0 would stay in every displacement: there the depth of frame 0 is moved to where all frames
+    together put it. Few tracks or frames are given back as they are.
+    """
+    shared = shared_motion(points, valid, clip.seen)
+    if shared is None:
+        return points, valid
+    valid, points = valid & shared.plausible, points.copy()
+    valid[0] = True
+    if clip.depth is not None:
+        sight = points[0] - clip.camera.position
+        share = ((shared.fitted[0] - points[0]) * sight).sum(1) / (sight**2).sum(1)
+        points[0] += share[:, None] * sight
+    return points, valid
+
+
+def shared_motion(points: np.ndarray, valid: np.ndarray, seen: np.ndarray) -> SharedMotion | None:
+    """The motion that tracks (T, M, 3) [m] with validity (T, M) share over the received frames (T,); None where too few hold.
+
+    One coordinate after the other: what is far off from few of them never gets a coordinate of its own.
+    """
+    if valid.shape[1] < LEAST_STEADY:
+        return None
+    known = seen & (valid.mean(1) > LEAST_HOLDING)
+    if known.sum() < FRAMES_PER_RANK:
+        return None
+    moved, holds = points[known] - points[:1], valid[known]
+    share = holds.mean(0)
+    steady = share >= min(STEADY, np.sort(share)[-LEAST_STEADY])
+    fitted, counted = np.repeat(_medians(moved, holds)[:, None], moved.shape[1], 1), holds
+    most = min(RANK, len(moved) // FRAMES_PER_RANK)
+    for rank, far in [(r, WILD) for r in range(1, most + 1)] + [(most, FAR)] * ROUNDS:
+        q = _coordinates(np.where(counted[..., None], moved, fitted)[:, steady], rank)
+        fitted = _regressed(q, moved, counted)
+        error = np.linalg.norm(moved - fitted, axis=2)
+        scale = max(float(np.median(error[holds])), 1e-12)
+        counted = holds & (error < far * scale)
+    everywhere, errors = points.copy(), np.zeros(valid.shape)
+    everywhere[known], errors[known] = points[:1] + fitted, error
+    return SharedMotion(everywhere, errors, scale, known)
+
+
+def _medians(moved: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Median displacement (F, 3) of the tracks that hold in each frame."""
+    return np.stack([np.median(m[v], axis=0) for m, v in zip(moved, valid, strict=True)])
+
+
+def _coordinates(moved: np.ndarray, rank: int) -> np.ndarray:
+    """Leading coordinates (F, rank), root mean square 1, of displacements (F, M, 3) about each track's mean; fewer where the others are
+    lost in noise (Gavish and Donoho 2014, "The optimal hard threshold for singular values is 4 / sqrt(3)", equation 5)."""
+    flat = moved.reshape(len(moved), -1)
+    u, s, _ = np.linalg.svd(flat - flat.mean(0), full_matrices=False)
+    ratio = min(flat.shape) / max(flat.shape)
+    threshold = (0.56 * ratio**3 - 0.95 * ratio**2 + 1.82 * ratio + 1.43) * np.median(s)
+    return u[:, : max(1, min(rank, int((s > threshold).sum())))] * np.sqrt(len(moved))
+
+
+def _regressed(q: np.ndarray, moved: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Least-squares fit (F, M, 3) of displacements (F, M, 3) by coordinates (F, r) and a constant, each track over its own frames."""
+    terms = np.column_stack([q, np.ones(len(q))])
+    normal = np.einsum("fm,fi,fj->mij", counted.astype(float), terms, terms) + RIDGE * np.eye(terms.shape[1])
+    moment = np.einsum("fm,fi,fmc->mic", counted.astype(float), terms, moved)
+    return np.einsum("fi,mic->fmc", terms, np.linalg.solve(normal, moment))
