@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from ..config import Scene
 from ..types import Body, Camera, MaterialPrior
+
+LEAST_SHARE = 0.015  # of the body that a part must hold
 
 
 @dataclass(frozen=True)
@@ -16,6 +19,23 @@ class Belief:
 
     young: np.ndarray  # [Pa], (n,)
     log10_young_sd: np.ndarray  # (n,)
+
+
+def parted(body: Body, prior: MaterialPrior, camera: Camera) -> Body:
+    """The body with the prior's materials for parts, where no parts were seen; 1 at the clamp, without one the largest first."""
+    if body.parts > 1:
+        return body
+    i, j, index = _materials(prior, body, camera)
+    share = np.bincount(index, body.half_thickness[i, j], len(prior.name)) / body.half_thickness[i, j].sum()
+    kept = sorted(np.flatnonzero(share > LEAST_SHARE), key=lambda k: i[index == k].min() if body.clamped else -share[k])
+    if len(kept) < 2:
+        return body
+    part = np.zeros(body.part.shape, np.uint8)
+    for number, k in enumerate(kept):
+        part[i[index == k], j[index == k]] = number + 1
+    nearest = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+    again = {name: np.repeat(getattr(body, name), len(kept)) for name in ("density", "poisson")}
+    return replace(body, part=part[tuple(nearest)], sources=body.sources | {"parts": prior.source}, **again)
 
 
 def of_parts(prior: MaterialPrior, body: Body, camera: Camera) -> Belief:
@@ -49,13 +69,18 @@ def on_points(prior: MaterialPrior, body: Body, camera: Camera, points: np.ndarr
 
 def _shares(prior: MaterialPrior, body: Body, camera: Camera) -> np.ndarray:
     """Share of each part's volume that each material has, (n, K); of the whole body's for a part without volume."""
-    i, j = np.nonzero(body.inside)
-    flat = body.origin + body.pitch_m * np.stack([i, j], -1)
-    front = np.concatenate([flat, body.half_thickness[i, j, None]], 1)
-    index = prior.at(camera, body.to_world(front))
+    i, j, index = _materials(prior, body, camera)
     volumes = _volumes(body)[:, i, j] @ np.eye(len(prior.name))[index]
     volumes = np.where(volumes.sum(1, keepdims=True) > 0, volumes, volumes.sum(0))
     return volumes / volumes.sum(1, keepdims=True)
+
+
+def _materials(prior: MaterialPrior, body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Raster cells of the body, as two index arrays, and the material that each one's front is seen in."""
+    i, j = np.nonzero(body.inside)
+    flat = body.origin + body.pitch_m * np.stack([i, j], -1)
+    front = np.concatenate([flat, body.half_thickness[i, j, None]], 1)
+    return i, j, prior.at(camera, body.to_world(front))
 
 
 def _volumes(body: Body) -> np.ndarray:

@@ -113,19 +113,22 @@ def train(problem: Problem, z: np.ndarray, *, began: float) -> Generator[Progres
     monotonic clock at the start of the whole fit [s]."""
     model, fit = FieldModel(problem, z), problem.settings.fit
     optimiser = torch.optim.Adam(model.parameters())
-    best = _Best()
+    best, took_s = _Best(), None
     for k in range(fit.field_iterations):
         before = time.monotonic()
         terms = model()
         best.offer(model, terms)
-        yield Progress("fields", k, fit.field_iterations, terms.value, text=f"{fit.material_field} material, {fit.force_field} force; best {best.value:.4g}")
+        left_s = None if took_s is None else took_s * (fit.field_iterations - k)
+        text = f"{fit.material_field} material, {fit.force_field} force; best {best.value:.4g}"
+        yield Progress("fields", k, fit.field_iterations, terms.value, left_s, text)
         if np.isfinite(terms.value):
             _step(optimiser, terms, rest_material=k < WARM_UP * fit.field_iterations)
         else:
             best.restore(model)
             _slow_down(optimiser)
         now = time.monotonic()
-        if not fit.iterations and now - began + 2 * (now - before) > fit.time_budget_s:
+        took_s = now - before
+        if not fit.iterations and now - began + 2 * took_s > fit.time_budget_s:
             break
     best.offer(model, model())
     best.restore(model)

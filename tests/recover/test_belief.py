@@ -10,7 +10,7 @@ from diffphys_ros.config import build
 from diffphys_ros.modes import start_values
 from diffphys_ros.modes.joint import joint_values
 from diffphys_ros.recover.answer import notes
-from diffphys_ros.recover.belief import believed, of_parts, on_points
+from diffphys_ros.recover.belief import believed, of_parts, on_points, parted
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks
@@ -139,3 +139,30 @@ def test_a_clip_in_which_a_force_acts_to_the_end_has_start_values_all_the_same(p
     assert not start.has_free_tail
     assert not start.identified.any()
     assert np.isfinite(start.young).all()
+
+
+@pytest.fixture
+def whole(prepared):
+    """The bar's body, its parts not seen."""
+    return dataclasses.replace(prepared.body, part=np.ones_like(prepared.body.part), density=np.array([600.0]), poisson=np.array([0.3]))
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_where_no_parts_were_seen_the_prior_s_materials_are_the_parts_and_the_first_is_at_the_clamp(prepared, whole, boundary_px, swapped: bool) -> None:
+    prior = make_prior(boundary_px)
+    if swapped:
+        prior = dataclasses.replace(prior, index=1 - prior.index, name=prior.name[::-1])
+    body = parted(whole, prior, make_camera())
+    assert body.parts == 2
+    assert (body.part == prepared.body.part).mean() > 0.98
+    np.testing.assert_array_equal(body.density, [600, 600])
+    assert body.sources["parts"] == "a test"
+
+
+def test_parts_that_were_seen_stay_and_specks_of_a_material_are_no_part(prepared, whole, boundary_px) -> None:
+    assert parted(prepared.body, make_prior(boundary_px), make_camera()) is prepared.body
+    assert parted(whole, make_prior(0), make_camera()) is whole
+    speck = make_prior(0)
+    u, v = make_camera().project(np.array([0.2, 0.0, 0.05]))[0].astype(int)
+    speck.index[v - 2 : v + 2, u - 2 : u + 2] = WOOD
+    assert parted(whole, speck, make_camera()) is whole
