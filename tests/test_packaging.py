@@ -56,6 +56,7 @@ def test_a_wheel_holds_one_top_level_package_and_the_sample(wheel):
     for room in LINKED:
         assert f"diffphys_ros/{room}/__init__.py" in names
     assert "diffphys_ros/bags/sample/clip.mcap" in names
+    assert "diffphys_ros/prior/materials.yaml" in names
 
 
 def test_a_wheel_puts_executables_where_ros2_run_looks(wheel):
