@@ -37,6 +37,7 @@ lint: setup
 
 bench: setup
 	$(PY) benchmarks/substep.py
+	$(PY) benchmarks/raster.py
 
 accuracy: setup
 	OMP_NUM_THREADS=1 PYTHONPATH=. $(PY) benchmarks/accuracy.py --figures docs/figures

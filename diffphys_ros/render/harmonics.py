@@ -9,7 +9,7 @@ import warp as wp
 
 from .step import BLOCK, Step, addresses, stream_of
 
-KNOWN_SIZES = 32  # numbers of frames and Gaussians for which launches are kept
+KNOWN_SIZES = 256  # numbers of frames and Gaussians, and cameras, for which launches are kept
 DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}  # of so many coefficients
 
 
