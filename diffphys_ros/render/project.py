@@ -70,7 +70,7 @@ def project(
     reach[i] = -1.0
     p = view.camera_from_world * mean[i] + view.offset
     depth[i] = p[2]
-    if p[2] <= NEAR_M or opacity[g] < ALPHA_MIN:
+    if not (p[2] > NEAR_M and opacity[g] >= ALPHA_MIN):  # holds for what is not a number, too
         return
     direction = wp.vec2(p[0], p[1]) / p[2]
     at = clamp2(direction, view.low, view.high)
@@ -84,7 +84,9 @@ def project(
     conic[i] = wp.vec3(yy, -xy, xx) / (xx * yy - xy * xy)
     r = 2.0 * wp.log(opacity[g] / ALPHA_MIN)
     rx, ry = wp.sqrt(r * xx), wp.sqrt(r * yy)
-    if x + rx < 0.0 or y + ry < 0.0 or x - rx > float(view.width - 1) or y - ry > float(view.height - 1):
+    if not wp.isfinite(rx + ry + conic[i][0] + conic[i][1] + conic[i][2] + wp.length_sq(rotation[i])):
+        return
+    if not (x + rx >= 0.0 and y + ry >= 0.0 and x - rx <= float(view.width - 1) and y - ry <= float(view.height - 1)):
         return
     first_x = int(wp.max(wp.ceil(x - rx), 0.0)) / tile
     first_y = int(wp.max(wp.ceil(y - ry), 0.0)) / tile

@@ -134,6 +134,21 @@ def test_gaussians_behind_the_camera_leave_no_trace_and_no_gradient():
     assert all(float(t.grad.abs().sum()) == 0 for t in leaves)
 
 
+@pytest.mark.parametrize("name", random_scenes.NAMES[:4])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_gaussian_that_is_not_finite_is_left_out_and_has_no_gradient(name, value):
+    camera = random_scenes.oblique_camera()
+    whole = random_scenes.to_float32(random_scenes.random_gaussians(camera, 20, 2))
+    with torch.no_grad():
+        whole[random_scenes.NAMES.index(name)][0] = value
+    found, expected = (Rasterizer(camera).render(*tensors) for tensors in (whole, [t[1:] for t in whole]))
+    for a, b in zip(found, expected, strict=True):
+        assert torch.equal(a, b)
+    for gradient in torch.autograd.grad(sum(t.sum() for t in found), whole):
+        assert torch.isfinite(gradient).all()
+        assert float(gradient[0].abs().sum()) == 0
+
+
 def test_a_batch_equals_frame_by_frame_in_values_and_gradients():
     camera = random_scenes.oblique_camera()
     mean, rotation, scale, opacity, color = random_scenes.to_float32(random_scenes.random_gaussians(camera, 40, 7))
