@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -17,11 +19,12 @@ STEP_PX = 4  # distance of the pixels at which that is evaluated
 LEAST_PX = 5  # side of the smallest thing that can hide an object
 MARGIN_PX = 2  # pixels around it mix its colour with the object's
 LIGHTNESS = 0.5  # weight of lightness in colour distances: shading varies it
-STRANGE = 12.0  # CIELAB units from every colour of the object, on average over a small window, at which it is not the object
+STRANGE = 14.0  # CIELAB units, on average over a small window, from which colours are not the same: a match is within 11 for 99 of 100 pixels
 MOST_STRANGE = 36.0  # that one pixel counts
 WINDOW_PX = 9  # side of that window
+SHOWN_SHARE = 0.34  # of those frames in which a pixel of the scene must be seen
 BACKGROUND_FRAMES = 15  # that are asked what the scene behind the object looks like
-AROUND_PX = 6  # of where a pixel came from in which its depth and colours are looked up: that place is not known better
+AROUND_PX = 6  # of where a pixel came from in which its depth is looked up: that place is not known better
 
 
 class DepthWitness:
@@ -55,27 +58,23 @@ class DepthWitness:
 
 
 class ColourWitness:
-    """Compares every frame with the object's own colours: those of frame 0 around the place that a pixel came from.
+    """Compares every frame with the first one (RGB, (H, W, 3)) at the places that its pixels came from."""
 
-    first_frame RGB (H, W, 3), the object's mask `first` (H, W) in it.
-    """
+    def __init__(self, first_frame: np.ndarray):
+        self.first = _weighted_lab(first_frame)
 
-    def __init__(self, first_frame: np.ndarray, first: np.ndarray):
-        lab = _weighted_lab(cv2.medianBlur(first_frame, 3))
-        self.low, self.high = (_nearby(lab, first, extreme) for extreme in (cv2.erode, cv2.dilate))
-        self.first = first.astype(np.uint8)
-
-    def strange(self, frame: np.ndarray, source: np.ndarray, region: np.ndarray) -> np.ndarray:
-        """Pixels of `region` (H, W) whose colour the object has nowhere near `source` (H, W, 2) [px in frame 0], bool (H, W)."""
+    def strange(self, frame: np.ndarray, sources: Iterable[np.ndarray], region: np.ndarray) -> np.ndarray:
+        """Pixels of `region` (H, W) whose surroundings look like none of `sources`, each (H, W, 2) [px in frame 0], bool (H, W)."""
         found = np.zeros(region.shape, bool)
         if region.any():
             window = window_of(region)
-            lab, at = _weighted_lab(cv2.medianBlur(np.ascontiguousarray(frame[window]), 3)), source[window]
-            low, high = (cv2.remap(bound, at, None, cv2.INTER_NEAREST) for bound in (self.low, self.high))
-            excess = np.linalg.norm(np.maximum(np.maximum(low - lab, lab - high), 0), axis=-1)
-            known = region[window] & (cv2.remap(self.first, at, None, cv2.INTER_NEAREST) > 0)
-            found[window] = solid(known & (_mean_over(np.minimum(excess, MOST_STRANGE), known) > STRANGE))
+            lab = _weighted_lab(np.ascontiguousarray(frame[window]))
+            found[window] = solid(region[window] & (np.min([self._unlike(lab, source[window], region[window]) for source in sources], 0) > STRANGE))
         return found
+
+    def _unlike(self, lab: np.ndarray, source: np.ndarray, region: np.ndarray) -> np.ndarray:
+        came_from = cv2.remap(self.first, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return _mean_over(_difference(lab, came_from), region)
 
 
 def solid(mask: np.ndarray) -> np.ndarray:
@@ -92,20 +91,21 @@ def before_the_scene(frames: np.ndarray, shown: np.ndarray, odd: np.ndarray) -> 
     behind = _weighted_lab(_scene_behind(frames, shown))
     found = np.zeros_like(odd)
     for k in np.flatnonzero(odd.any((1, 2))):
-        unlike = np.linalg.norm(_weighted_lab(frames[k]) - behind, axis=-1)
-        found[k] = odd[k] & solid(odd[k] & (_mean_over(np.minimum(unlike, MOST_STRANGE), odd[k]) > STRANGE))
+        unlike = _mean_over(_difference(_weighted_lab(frames[k]), behind), odd[k])
+        found[k] = odd[k] & solid(odd[k] & (unlike > STRANGE))
     return found
 
 
 def _scene_behind(frames: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Median of some frames where they show the background, the nearest such pixel where none does, uint8 (H, W, 3)."""
+    """Median of some frames where they show the background; the nearest known pixel where too few do, uint8 (H, W, 3)."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(BACKGROUND_FRAMES, len(frames))).astype(int))
-    scene = np.median(frames[chosen], 0)
-    partly = shown[chosen].any(0) & ~shown[chosen].all(0)
-    seen = np.where(shown[chosen][:, partly, None], frames[chosen][:, partly].astype(np.float32), np.nan)
-    scene[partly] = np.nanmedian(seen, 0)
-    never = ~shown[chosen].any(0)
-    index = distance_transform_edt(never, return_distances=False, return_indices=True)
+    known = shown[chosen].mean(0) > SHOWN_SHARE  # an arm over the object may pass for background for a while
+    if not known.any():
+        return np.zeros(frames.shape[1:], np.uint8)
+    scene = np.zeros(frames.shape[1:], np.float32)
+    seen = np.where(shown[chosen][:, known, None], frames[chosen][:, known].astype(np.float32), np.nan)
+    scene[known] = np.nanmedian(seen, 0)
+    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return scene[tuple(index)].astype(np.uint8)
 
 
@@ -141,7 +141,6 @@ def _mean_over(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return total / np.maximum(count, 1)
 
 
-def _nearby(lab: np.ndarray, mask: np.ndarray, extreme) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Least (cv2.erode) or largest (cv2.dilate) value of every channel over the mask's pixels around each pixel."""
-    away = np.float32(1e3 if extreme is cv2.erode else -1e3)
-    return extreme(np.where(mask[..., None], lab, away), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """CIELAB distance of two images (H, W, 3), capped."""
+    return np.minimum(np.linalg.norm(a - b, axis=-1), MOST_STRANGE)

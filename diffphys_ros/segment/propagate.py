@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -22,51 +24,50 @@ def propagate(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np
     Two opinions where a pixel came from: dense flow, which follows whatever the object uncovers, and the motion of a few points
     on the object continued beyond its border, which misses faces that turn into view. Where they disagree, colour decides.
     What passes between camera and object is labelled 255: where `depth` (T, H, W) [m] puts it before the object, and where its colours
-    are neither the object's nor the scene's behind. Frames (T, H, W, 3) RGB; frames that were not received (`seen` false) repeat the
+    are neither the object's there nor the scene's behind. Frames (T, H, W, 3) RGB; frames that were not received (`seen` false) repeat the
     labels before them.
     """
-    by_flow = _by_flow(frames, seen, first)
-    by_tracks, hidden = _by_tracks(frames, seen, by_flow, depth)
+    by_flow, by_tracks, hidden = _opinions(frames, seen, first, depth)
     labels = by_flow.copy()
     for k in range(1, len(frames)):
         labels[k] = _settled(frames[k], by_flow[k], by_tracks[k], hidden[k]) if seen[k] else labels[k - 1]
     return labels
 
 
-def _by_flow(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """DIS flow (Kroeger et al. 2016) from every frame straight back to frame 0, started from the flow of the frame before, so that
-    errors do not add up."""
-    flow_of = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
-    grid = np.stack(np.meshgrid(np.arange(first.shape[1]), np.arange(first.shape[0])), -1).astype(np.float32)
-    labels, flow = np.repeat(first[None], len(frames), 0), None
-    for k in np.flatnonzero(seen[1:]) + 1:
-        flow = flow_of.calc(grey[k], grey[0], flow)
-        labels[k] = _warped(first, grid + flow)
-    return labels
-
-
-def _by_tracks(frames: np.ndarray, seen: np.ndarray, by_flow: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Labels by the motion of tracked points of the object, on and around what the flow labels; those of the flow without tracks.
-    And the pixels (T, H, W) where something hides the object."""
+def _opinions(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Labels (T, H, W) by dense flow; by the motion of tracked points, on and around what the flow labels, those of the flow where too few
+    points are known; and the pixels (T, H, W) where something hides the object."""
     images = [normalised(frame) for frame in frames]
-    first, labels = by_flow[0], by_flow.copy()
-    hidden = np.zeros(labels.shape, bool)
     start = seed_points(images[0], _object(first), spacing_px=4, most=TRACKS)
     pixels, valid = track_pixels(images, start, seen, MATCHING)
-    witness = None if depth is None else DepthWitness(depth, _object(first), start)
-    colours, odd = ColourWitness(frames[0], _object(first)), np.zeros(labels.shape, bool)
-    for k in np.flatnonzero(seen[1:]) + 1:
-        source = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]))
-        if source is None:
+    by_flow = np.repeat(first[None], len(frames), 0)
+    by_tracks, hidden, odd = by_flow.copy(), np.zeros(by_flow.shape, bool), np.zeros(by_flow.shape, bool)
+    colours = ColourWitness(frames[0])
+    depths = None if depth is None else DepthWitness(depth, _object(first), start)
+    for k, flowed in _flows(frames, seen):
+        by_flow[k] = by_tracks[k] = _warped(first, flowed)
+        tracked = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]))
+        if tracked is None:
             continue
-        labels[k] = _warped(first, source)
-        region = _object(labels[k]) | _object(by_flow[k])
-        odd[k] = colours.strange(frames[k], source, region)
-        if witness is not None and depth is not None:
-            hidden[k] = witness.hidden(int(k), pixels[k], valid[k], source, region)
+        by_tracks[k] = _warped(first, tracked)
+        region = _object(by_tracks[k]) | _object(by_flow[k])
+        odd[k] = colours.strange(frames[k], (flowed, tracked), region)
+        if depths is not None and depth is not None:
+            hidden[k] = depths.hidden(k, pixels[k], valid[k], tracked, region)
             odd[k] &= depth[k] == 0  # where it is known, it decides
-    return labels, hidden | before_the_scene(frames, (labels == 0) & (by_flow == 0), odd)
+    return by_flow, by_tracks, hidden | before_the_scene(frames, (by_tracks == 0) & (by_flow == 0), odd)
+
+
+def _flows(frames: np.ndarray, seen: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Every received frame after the first and where its pixels came from, float32 (H, W, 2): DIS flow (Kroeger et al. 2016) straight back
+    to frame 0, started from the flow of the frame before, so that errors do not add up."""
+    flow_of = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
+    grid = np.stack(np.meshgrid(np.arange(first.shape[1]), np.arange(first.shape[0])), -1).astype(np.float32)
+    flow = None
+    for k in np.flatnonzero(seen[1:]) + 1:
+        flow = flow_of.calc(cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY), first, flow)
+        yield int(k), grid + flow
 
 
 def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray, hidden: np.ndarray) -> np.ndarray:
