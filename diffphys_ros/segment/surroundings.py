@@ -12,6 +12,8 @@ from ..types import Clip
 
 STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends
 LEAST_SHARE = 0.5  # of the moving pixels that the surface must hold; less, and depth says nothing about the object
+OTHER_SHARE = 0.1  # of the largest surface's moving pixels that another surface of the object must hold
+OTHER_MOVING = 0.3  # of its own pixels that must move: of a wall behind, the core's rim is a sliver
 
 
 def reachable(clip: Clip, core: np.ndarray, settings: Settings) -> np.ndarray:
@@ -34,7 +36,7 @@ def _without_holes(depth: np.ndarray) -> np.ndarray:
 
 
 def _joined(depth: np.ndarray, core: np.ndarray) -> np.ndarray:
-    """The surfaces without inner steps that hold a good share of the core, bool (H, W)."""
+    """The surface without inner steps that holds most of the core, and others that are large and mostly core themselves, bool (H, W)."""
     node = np.arange(depth.size).reshape(depth.shape)
     rows, columns = [], []
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -44,8 +46,8 @@ def _joined(depth: np.ndarray, core: np.ndarray) -> np.ndarray:
     row, column = np.concatenate(rows), np.concatenate(columns)
     graph = coo_matrix((np.ones(len(row), bool), (row, column)), shape=(depth.size, depth.size))
     surface = connected_components(graph, directed=False)[1].reshape(depth.shape)
-    share = np.bincount(surface[core], minlength=int(surface.max()) + 1) / max(core.sum(), 1)
-    return (share >= 0.1 * share.max())[surface]
+    moving, size = (np.bincount(surface[pixels], minlength=int(surface.max()) + 1) for pixels in (core, np.ones_like(core)))
+    return ((moving == moving.max()) | ((moving > OTHER_SHARE * moving.max()) & (moving > OTHER_MOVING * size)))[surface]
 
 
 def _before_clamp(clip: Clip, depth: np.ndarray, core: np.ndarray, settings: Settings) -> np.ndarray:
