@@ -51,10 +51,10 @@ def _opinions(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np
             continue
         by_tracks[k] = _warped(first, tracked)
         region = _object(by_tracks[k]) | _object(by_flow[k])
-        odd[k] = colours.strange(frames[k], (flowed, tracked), region)
         if depths is not None and depth is not None:
             hidden[k] = depths.hidden(k, pixels[k], valid[k], tracked, region)
-            odd[k] &= depth[k] == 0  # where it is known, it decides
+            region &= depth[k] == 0  # where it is known, it decides
+        odd[k] = colours.strange(frames[k], (flowed, tracked), region)
     return by_flow, by_tracks, hidden | before_the_scene(frames, (by_tracks == 0) & (by_flow == 0), odd)
 
 
