@@ -30,7 +30,7 @@ def model_of(name: str, architectures: Mapping[str, str], *, setting: str, devic
         raise InputError(f"{setting} {name!r} needs the package {error.name!r}; install diffphys_ros with the extra [models]") from error
     logging.getLogger("transformers").setLevel(logging.ERROR)  # its advice is for people who train
     transformers.utils.logging.disable_progress_bar()
-    options: dict[str, Any] = {"local_files_only": _is_local(name)}
+    options = _options(name)
     config = _read(name, setting, lambda: transformers.AutoConfig.from_pretrained(name, **options))
     kind = architectures.get(config.model_type, architectures.get("*"))
     if kind is None:
@@ -48,7 +48,11 @@ def image_processor(name: str, *, setting: str) -> Any:
     """What turns images into a checkpoint's inputs and its outputs into images. Raises InputError where its files are missing."""
     import transformers
 
-    return _read(name, setting, lambda: transformers.AutoImageProcessor.from_pretrained(name, local_files_only=_is_local(name)))
+    return _read(name, setting, lambda: transformers.AutoImageProcessor.from_pretrained(name, **_options(name)))
+
+
+def _options(name: str) -> dict[str, Any]:
+    return {"local_files_only": _is_local(name), "trust_remote_code": False}
 
 
 def _is_local(name: str) -> bool:
