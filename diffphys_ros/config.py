@@ -155,7 +155,7 @@ class Fit:
     law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")
     material_field: str = setting("part", "part: constants per part; residual: corrected from point to point by a triplane; triplane: a triplane alone, pretrained on them", choices=("part", "residual", "triplane"))
     force_field: str = setting("frame", "frame: one vector per frame under a footprint; on top of it modes: smooth shapes along the object, voxels: features per voxel and frame, planes: a triplane over x, y and time", choices=("frame", "modes", "voxels", "planes"))
-    field_iterations: int = setting(40, "steps of Adam for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
+    field_iterations: int = setting(40, "iterations of L-BFGS for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
     force_smoothness: float = setting(1e-3, "weight of the roughness of such a force field (paper A.14)", low=0.0, high=1e3)
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)

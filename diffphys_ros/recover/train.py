@@ -1,4 +1,4 @@
-"""Fields with many parameters, trained by Adam from where the search over few has ended (paper section 3.5, A.12).
+"""Fields with many parameters, trained from where the search over few has ended (paper section 3.5, A.12).
 
 First the force alone while the material stays as it is, then both: a force that may do anything would else explain the motion
 at any stiffness. The search's answer is the start, so that a field only has to say what constants and vectors do not.
@@ -7,9 +7,9 @@ at any stiffness. The search's answer is the start, so that a field only has to 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
-from copy import deepcopy
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..errors import SimulationError
 from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, Material, Smoothness, pretrain
 from ..simulate.stability import wave_speed
 from .belief import on_points
+from .limited_memory import Space, descend
 from .objective import Prior, Terms
 from .progress import Progress
 
@@ -26,12 +27,9 @@ if TYPE_CHECKING:
     from .solve import Problem
 
 SPAN = 30.0  # factor about the search's moduli within which E may lie
-RATES = {"material": 3e-3, "motion": 5e-3}  # of Adam
-FORCE_RATES = {"frame": 5e-2, "modes": 5e-2, "voxels": 5e-3, "planes": 5e-3}  # a decoder multiplies steps of its weights
-WARM_UP = 0.25  # share of the iterations in which the material rests
-SLOWER = 0.3  # factor on the rates after a step that the simulation did not survive
+WARM_UP = 0.25  # share of the iterations in which the material rests, where the search has not fitted such a force before
+VARIATION_SD = 0.3  # prior standard deviation of log10 E about the search's constants, beside theirs
 POISSON_SD = 0.05  # prior standard deviation of nu: motion hardly tells it
-LEAST_GAIN = 1e-9
 
 
 @dataclass
@@ -71,11 +69,9 @@ class FieldModel:
         self.allowed = forward.simulator.tensor(_allowed(self.problem))[:, None, None]
         self.tightness = forward.simulator.tensor(_tightness(self.problem))
 
-    def parameters(self) -> list[dict[str, Any]]:
-        """Groups for the optimiser, by what they are of."""
-        groups = {"material": list(self.material.parameters()), "force": list(self.force.parameters()), "motion": [self.motion]}
-        rates = RATES | {"force": FORCE_RATES[self.words["force"]]}
-        return [{"params": parameters, "lr": rates[name], "name": name} for name, parameters in groups.items()]
+    def space(self, *, material: bool) -> Space:
+        """What is sought: force and motion, with or without the material."""
+        return Space([*self.force.parameters(), self.motion, *(self.material.parameters() if material else ())])
 
     def __call__(self) -> Terms:
         """The loss of the fields as they are, infinite where the simulation leaves its bounds."""
@@ -103,76 +99,33 @@ class FieldModel:
         size = Prior.FORCE * force.square().sum(-1).mean() + fit.force_smoothness * self.smoothness(force)
         return 0.5 * (Prior.LOG_YOUNG * (away + ratio) + len(force) * size)
 
-    def modules(self) -> torch.nn.ModuleDict:
-        """Both fields, for their state."""
-        return torch.nn.ModuleDict({"material": self.material, "force": self.force})
-
 
 def train(problem: Problem, z: np.ndarray, *, began: float) -> Generator[Progress, None, Trained]:
     """Fields from the search's answer z (size,); ends after fit.field_iterations, or with the time budget. `began` is the
     monotonic clock at the start of the whole fit [s]."""
-    model, fit = FieldModel(problem, z), problem.settings.fit
-    optimiser = torch.optim.Adam(model.parameters())
-    best, took_s = _Best(), None
-    for k in range(fit.field_iterations):
-        before = time.monotonic()
-        terms = model()
-        best.offer(model, terms)
-        left_s = None if took_s is None else took_s * (fit.field_iterations - k)
-        text = f"{fit.material_field} material, {fit.force_field} force; best {best.value:.4g}"
-        yield Progress("fields", k, fit.field_iterations, terms.value, left_s, text)
-        if np.isfinite(terms.value):
-            _step(optimiser, terms, rest_material=k < WARM_UP * fit.field_iterations)
-        else:
-            best.restore(model)
-            _slow_down(optimiser)
-        now = time.monotonic()
-        took_s = now - before
-        if not fit.iterations and now - began + 2 * took_s > fit.time_budget_s:
-            break
-    best.offer(model, model())
-    best.restore(model)
+    model, fit, history = FieldModel(problem, z), problem.settings.fit, list[float]()
+    total = fit.field_iterations
+    rest = 0 if fit.force_field == "frame" else round(WARM_UP * total)
+    words = f"{fit.material_field} material, {fit.force_field} force"
+    before = time.monotonic()
+    for material, until in ((False, rest), (True, total)):
+        for value in _until(descend(model.space(material=material), lambda: model().total), until - len(history)):
+            history.append(value)
+            took, before = time.monotonic() - before, time.monotonic()
+            yield Progress("fields", len(history) - 1, total, value, took * (total - len(history)), words)
+            if not fit.iterations and before - began + 2 * took > fit.time_budget_s:
+                return _trained(model, history)
+    return _trained(model, history)
+
+
+def _until(steps: Iterator[float], count: int) -> Iterator[float]:
+    """At most `count` of the steps; none is begun that is not wanted."""
+    return islice(steps, max(count, 0))
+
+
+def _trained(model: FieldModel, history: list[float]) -> Trained:
     with torch.no_grad():
-        terms = model()
-    return Trained(terms, _summary(model, best))
-
-
-@dataclass
-class _Best:
-    """The best state so far."""
-
-    value: float = float("inf")
-    state: tuple[dict[str, Any], torch.Tensor] | None = None
-    history: list[float] = field(default_factory=list)
-
-    def offer(self, model: FieldModel, terms: Terms) -> None:
-        self.history.append(terms.value)
-        if terms.value < self.value - LEAST_GAIN or self.state is None:
-            self.value, self.state = terms.value, (deepcopy(model.modules().state_dict()), model.motion.detach().clone())
-
-    def restore(self, model: FieldModel) -> None:
-        assert self.state is not None
-        model.modules().load_state_dict(self.state[0])
-        with torch.no_grad():
-            model.motion.copy_(self.state[1])
-
-
-def _step(optimiser: torch.optim.Optimizer, terms: Terms, *, rest_material: bool) -> None:
-    optimiser.zero_grad()
-    terms.total.backward()
-    if rest_material:
-        for group in optimiser.param_groups:
-            if group["name"] == "material":
-                for parameter in group["params"]:
-                    parameter.grad = None  # Adam leaves it and its moments alone
-    optimiser.step()
-
-
-def _slow_down(optimiser: torch.optim.Optimizer) -> None:
-    """Smaller steps, and no momentum into where the simulation failed."""
-    optimiser.state.clear()
-    for group in optimiser.param_groups:
-        group["lr"] *= SLOWER
+        return Trained(model(), _summary(model, history))
 
 
 def _base(problem: Problem, z: np.ndarray) -> Believed:
@@ -201,9 +154,10 @@ def _allowed(problem: Problem) -> np.ndarray:
 
 
 def _tightness(problem: Problem) -> np.ndarray:
-    """Weights (P,) of squared log E: each part's mean, over the variance of its start value."""
+    """Weights (P,) of squared log E: each part's mean, over its prior variance. The start values' own spread holds only if the
+    part is one material, which is what a field doubts."""
     p, start = problem.disc.particles, problem.prepared.start
-    variance = (np.log(10) * start.log10_young_sd[p.part - 1]) ** 2
+    variance = np.log(10) ** 2 * (start.log10_young_sd[p.part - 1] ** 2 + VARIATION_SD**2)
     return 1 / (variance * np.bincount(p.part)[p.part])
 
 
@@ -216,7 +170,7 @@ def _carry(problem: Problem, material: Material, z: np.ndarray) -> None:
     problem.forward.ensure_substeps(np.array([as_stiff[p.part == k + 1].max(initial=e) for k, e in enumerate(least)]))
 
 
-def _summary(model: FieldModel, best: _Best) -> dict[str, Any]:
+def _summary(model: FieldModel, history: list[float]) -> dict[str, Any]:
     p, own = model.problem.disc.particles, model.problem.disc.particles.own
     with torch.no_grad():
         ratio = (model.material(model.x).young / model.start.young).log10().double().cpu().numpy()
@@ -224,7 +178,7 @@ def _summary(model: FieldModel, best: _Best) -> dict[str, Any]:
     return {
         "material_field": model.words["material"],
         "force_field": model.words["force"],
-        "loss_history": best.history,
+        "loss_history": history,
         "log10_young_change_per_part": [float(ratio[own][p.part[own] == k + 1].mean()) for k in range(model.problem.layout.parts)],
         "log10_young_change_spread": float(ratio[own].std()),
         "field_force_rms_n_m3": float(np.sqrt((force[:, own] ** 2).mean())),

@@ -16,7 +16,7 @@ from diffphys_ros.modes.elements import Elements, modal_model
 from diffphys_ros.recover import solve, train
 from diffphys_ros.recover.prepare import Prepared
 from diffphys_ros.recover.solve import Problem, pose_problem
-from diffphys_ros.recover.train import FORCE_RATES, FieldModel
+from diffphys_ros.recover.train import FieldModel
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import YOUNG
@@ -58,12 +58,12 @@ def trained(problem: Problem):
 
 def test_the_words_of_the_settings_are_the_fields() -> None:
     assert set(leaves()["fit.material_field"].choices) == set(MATERIAL_FIELDS)
-    assert set(leaves()["fit.force_field"].choices) == set(FORCE_FIELDS) == set(FORCE_RATES)
+    assert set(leaves()["fit.force_field"].choices) == set(FORCE_FIELDS)
 
 
 @pytest.mark.parametrize("word", FORCE_FIELDS)
 def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_material_alone(prepared, word: str) -> None:
-    problem = pose_problem(with_force(prepared, 0.01), None, settings(force_field=word, material_field="residual", field_iterations=32))
+    problem = pose_problem(with_force(prepared, 0.01), None, settings(force_field=word, material_field="residual", field_iterations=20))
     news, found = trained(problem)
     p, motion = problem.disc.particles, found.terms.motion
     assert found.terms.parts["track"] < 0.1 * news[0].loss
@@ -77,7 +77,7 @@ def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_ma
 
 @pytest.mark.parametrize("word", ["residual", "triplane"])
 def test_a_material_field_finds_the_stiffer_root_that_one_constant_cannot_hold(one_part, word: str) -> None:
-    problem = pose_problem(one_part, None, settings(material_field=word, field_iterations=50))
+    problem = pose_problem(one_part, None, settings(material_field=word, field_iterations=24))
     constant = problem.objective(problem.layout.start).parts["track"]
     _, found = trained(problem)
     x, young = problem.disc.particles.x_rest[:, 0], found.terms.motion.young.numpy()
@@ -101,7 +101,7 @@ def test_gradients_of_both_fields_through_the_simulation_match_central_differenc
     model = FieldModel(problem, problem.layout.start + 0.02)
     noise = torch.Generator().manual_seed(0)
     with torch.no_grad():
-        for parameter in model.modules().parameters():
+        for parameter in [*model.material.parameters(), *model.force.parameters()]:
             parameter += 0.05 * torch.randn(parameter.shape, generator=noise, dtype=torch.float64)
     biases = [model.material.young.layers[-1].bias, model.material.poisson.layers[-1].bias, model.force.decoder.layers[-1].bias, model.motion]
     gradients = torch.autograd.grad(model().total, biases)
@@ -116,23 +116,22 @@ def test_gradients_of_both_fields_through_the_simulation_match_central_differenc
         assert float(gradient.view(-1)[-1]) == pytest.approx((values[0] - values[1]) / 2e-4, rel=2e-3, abs=1e-9)
 
 
-def test_a_step_into_nowhere_is_taken_back_and_the_best_fields_are_kept(prepared, monkeypatch) -> None:
-    monkeypatch.setitem(FORCE_RATES, "modes", 1e4)
-    problem = pose_problem(with_force(prepared, 0.9), None, settings(force_field="modes", field_iterations=4))
+def test_the_loss_never_rises_and_the_fields_are_those_of_the_last_step(one_part) -> None:
+    problem = pose_problem(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=8))
     news, found = trained(problem)
-    assert any(not np.isfinite(n.loss) for n in news)
-    assert found.terms.value <= news[0].loss
-    assert problem.objective.failures
+    losses = [n.loss for n in news]
+    assert losses == sorted(losses, reverse=True) == found.summary["loss_history"]
+    assert found.terms.value == pytest.approx(losses[-1], rel=1e-6)
 
 
 @pytest.fixture(scope="module")
 def answer(one_part):
-    return drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=20)))
+    return drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
 
 
 def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> None:
     news, recovery = answer
-    assert len({n.iteration for n in news if n.stage == "fields"}) == 20
+    assert len({n.iteration for n in news if n.stage == "fields"}) == 10
     assert recovery.metrics["refined"]
     assert np.ptp(recovery.young) > 100
     np.testing.assert_allclose(recovery.young, recovery.young_solver * recovery.metrics["apparent_stiffness"], rtol=1e-12)
@@ -142,7 +141,7 @@ def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> Non
 
 
 def test_two_runs_with_fields_are_equal_to_the_bit(answer, one_part) -> None:
-    _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=20)))
+    _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
     for name in ("young", "poisson", "force", "trajectory"):
         np.testing.assert_array_equal(getattr(again, name), getattr(answer[1], name))
 

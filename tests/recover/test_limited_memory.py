@@ -1,0 +1,53 @@
+"""L-BFGS over tensors, on functions whose minimum is known."""
+
+from itertools import islice
+
+import pytest
+import torch
+
+from diffphys_ros.recover.limited_memory import Space, descend
+
+
+def test_a_quadratic_of_condition_one_thousand_is_solved_over_two_tensors_of_other_types():
+    first, second = torch.nn.Parameter(torch.ones(10, dtype=torch.float64)), torch.nn.Parameter(torch.ones(2, 5))
+    stiffness = torch.logspace(0, 3, 20, dtype=torch.float64)
+
+    def loss() -> torch.Tensor:
+        x = torch.cat([first, second.double().reshape(-1)])
+        return 0.5 * (stiffness * (x - 0.5) ** 2).sum()
+
+    values = list(islice(descend(Space([first, second]), loss), 80))
+    assert values == sorted(values, reverse=True)
+    assert values[-1] < 1e-6 * values[0]
+    assert float((first.detach() - 0.5).abs().max()) < 2e-2
+
+
+def test_a_curved_valley_is_followed_to_its_end():
+    x = torch.nn.Parameter(torch.tensor([-1.2, 1.0], dtype=torch.float64))
+    values = list(islice(descend(Space([x]), lambda: (1 - x[0]) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2), 80))
+    assert values[-1] < 1e-10
+    assert x.detach().numpy() == pytest.approx([1.0, 1.0], abs=1e-4)
+
+
+def test_where_the_loss_is_infinite_no_step_ends():
+    x = torch.nn.Parameter(torch.tensor([1.0], dtype=torch.float64))
+
+    def loss() -> torch.Tensor:
+        return (x - 3.0).square().sum() if float(x.detach()) < 2.0 else torch.tensor(float("inf"))
+
+    values = list(islice(descend(Space([x]), loss), 30))
+    assert values == sorted(values, reverse=True)
+    assert 1.5 < float(x.detach()) < 2.0
+
+
+def test_at_a_minimum_it_stops_and_leaves_the_tensors_there():
+    x = torch.nn.Parameter(torch.tensor([2.0]))
+    assert list(descend(Space([x]), lambda: (x - 2.0).square().sum())) == [0.0]
+    assert float(x.detach()) == 2.0
+
+
+def test_a_tensor_that_the_loss_does_not_know_stays():
+    x, idle = torch.nn.Parameter(torch.tensor([2.0])), torch.nn.Parameter(torch.tensor([7.0]))
+    list(islice(descend(Space([x, idle]), lambda: x.square().sum()), 10))
+    assert float(idle.detach()) == 7.0
+    assert abs(float(x.detach())) < 1e-3
