@@ -36,6 +36,7 @@ from diffphys_ros.tracks import follow
 from diffphys_ros.types import Clip
 
 CELLS, PER_CELL = 4, 2.0  # over the thickness, and particles per cell and axis
+WIDTH = 9  # of a column, at the least
 UNITS = {"mm": "mm", "s": "s", "db": "dB", "pct": "%"}  # by the last word of a figure's name
 
 
@@ -179,7 +180,7 @@ def medians(rows: list[dict[str, float]]) -> dict[str, float]:
 
 def show(name: str, figures: dict[str, float], columns: list[str]) -> None:
     """One line of the table."""
-    print(f"{name:16s}" + "".join(f"{figures.get(c, float('nan')):{max(len(c), 6) + 1}.4g}" for c in columns), flush=True)
+    print(f"{name:16s}" + "".join(f"{figures.get(c, float('nan')):{max(len(c), WIDTH) + 1}.4g}" for c in columns), flush=True)
 
 
 def main() -> None:
@@ -194,7 +195,7 @@ def main() -> None:
     for folder in options.scenes:
         rows.append(measured(folder, options.stages, options.device))
         if len(rows) == 1:
-            print(" " * 16 + "".join(f" {c:>6s}" for c in rows[0]))
+            print(" " * 16 + "".join(f" {c:>{WIDTH}s}" for c in rows[0]))
         show(folder.name, rows[-1], list(rows[0]))
     middle = medians(rows)
     show("median", middle, list(rows[0]))
