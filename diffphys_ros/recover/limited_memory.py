@@ -46,9 +46,11 @@ def descend(space: Space, evaluate: Callable[[], Tensor]) -> Iterator[float]:
     """Yields the loss at the start and after every step; the tensors then hold the values that gave it. Ends where no step is
     left that lowers it. `evaluate` is the loss at the tensors' values; infinite where there is none."""
     loss = evaluate()
-    at, value, slope = space.vector(), float(loss.detach()), space.gradient(loss)
-    pairs: deque[tuple[Tensor, Tensor]] = deque(maxlen=MEMORY)
+    at, value = space.vector(), float(loss.detach())
     yield value
+    if not math.isfinite(value):
+        return
+    slope, pairs = space.gradient(loss), deque[tuple[Tensor, Tensor]](maxlen=MEMORY)
     while float(slope.norm()) > 0:
         found = _search(space, evaluate, at, value, slope, _direction(slope, pairs))
         if found is None:

@@ -51,3 +51,8 @@ def test_a_tensor_that_the_loss_does_not_know_stays():
     list(islice(descend(Space([x, idle]), lambda: x.square().sum()), 10))
     assert float(idle.detach()) == 7.0
     assert abs(float(x.detach())) < 1e-3
+
+
+def test_a_start_without_a_loss_is_told_and_left():
+    x = torch.nn.Parameter(torch.tensor([2.0]))
+    assert list(descend(Space([x]), lambda: torch.tensor(float("inf")))) == [float("inf")]
