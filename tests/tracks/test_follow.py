@@ -150,5 +150,5 @@ def test_tracks_of_a_truth_scene_follow_its_vertices(name: str, scenes: Path) ->
     error = np.stack([(tracks.points[k] - tracks.points[0] - u)[tracks.valid[k]].mean(0) for k, u in zip(frames, true, strict=True)])
     assert np.abs(error).max() < 2e-4  # the part that all tracks share
     rms = np.sqrt(np.mean([((tracks.points[k] - tracks.points[0] - u)[tracks.valid[k]] ** 2).mean() for k, u in zip(frames, true, strict=True)]))
-    assert rms < 5e-4
+    assert rms < 2e-4
     assert 0.5 < tracks.noise_m / rms < 2
