@@ -192,7 +192,7 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
     linear = torch.as_tensor(linear_displacement(problem.prepared, points)).to(problem.target.observed)
     noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
     refined_rms = float("inf") if terms.motion is None else problem.objective.track_rms(terms.motion)
-    accepted = refined_rms <= NEAR_NOISE * noise
+    accepted = refined_rms <= NEAR_NOISE * noise or (trained is not None and refined_rms < linear_rms)  # fields may be under way still
     core = simulated_answer(problem.disc, problem.layout, terms) if accepted else linear_answer(problem.prepared, problem.disc)
     metrics = {
         "refined": bool(accepted),
