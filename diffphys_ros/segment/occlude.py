@@ -19,7 +19,9 @@ STEP_PX = 4  # distance of the pixels at which that is evaluated
 LEAST_PX = 5  # side of the smallest thing that can hide an object
 MARGIN_PX = 2  # pixels around it mix its colour with the object's
 LIGHTNESS = 0.5  # weight of lightness in colour distances: shading varies it
-STRANGE = 14.0  # CIELAB units, on average over a small window, from which colours are not the same: a match is within 11 for 99 of 100 pixels
+STRANGE = (
+    14.0  # CIELAB units, on average over a small window, from which colours are not the same: a match is within 11 for 99 of 100 pixels
+)
 MOST_STRANGE = 36.0  # that one pixel counts
 WINDOW_PX = 9  # side of that window
 SHOWN_SHARE = 0.34  # of those frames in which a pixel of the scene must be seen
@@ -46,12 +48,15 @@ class DepthWitness:
         """
         now, before = (_read(self.depth[i], at) for i, at in ((k, pixels), (0, self.start)))
         good = valid & (now > 0) & (before > 0)
-        if good.sum() < NEIGHBOURS or not region.any():
-            return np.zeros(region.shape, bool)
+        if not region.any():
+            return region
         window = window_of(region)
         expected = cv2.remap(self.first, source[window], None, cv2.INTER_NEAREST)
-        nearest, noise = _approach(pixels[good], (now - before)[good], window)
-        bound = NEARER * expected + NOISE * noise
+        if good.sum() >= NEIGHBOURS:
+            nearest, noise = _approach(pixels[good], (now - before)[good], window)
+            bound = NEARER * expected + NOISE * noise
+        else:  # hidden as a whole: it may have come nearer by as much again
+            nearest, bound = np.zeros(expected.shape, np.float32), 2 * NEARER * expected
         measured, found = self.depth[k][window], np.zeros(region.shape, bool)
         found[window] = solid((expected > 0) & (measured > 0) & (measured < expected + nearest - bound) & region[window])
         return found
@@ -69,7 +74,9 @@ class ColourWitness:
         if region.any():
             window = window_of(region)
             lab = _weighted_lab(np.ascontiguousarray(frame[window]))
-            found[window] = solid(region[window] & (np.min([self._unlike(lab, source[window], region[window]) for source in sources], 0) > STRANGE))
+            found[window] = solid(
+                region[window] & (np.min([self._unlike(lab, source[window], region[window]) for source in sources], 0) > STRANGE)
+            )
         return found
 
     def _unlike(self, lab: np.ndarray, source: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -34,7 +34,9 @@ def propagate(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np
     return labels
 
 
-def _opinions(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _opinions(
+    frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Labels (T, H, W) by dense flow; by the motion of tracked points, on and around what the flow labels, those of the flow where too few
     points are known; and the pixels (T, H, W) where something hides the object."""
     images = [normalised(frame) for frame in frames]
@@ -44,9 +46,11 @@ def _opinions(frames: np.ndarray, seen: np.ndarray, first: np.ndarray, depth: np
     by_tracks, hidden, odd = by_flow.copy(), np.zeros(by_flow.shape, bool), np.zeros(by_flow.shape, bool)
     colours = ColourWitness(frames[0])
     depths = None if depth is None else DepthWitness(depth, _object(first), start)
+    tracked: np.ndarray | None = None
     for k, flowed in _flows(frames, seen):
         by_flow[k] = by_tracks[k] = _warped(first, flowed)
-        tracked = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]))
+        found = interpolated_sources(pixels[k][valid[k]], start[valid[k]], _object(by_flow[k]) | _object(by_tracks[k - 1]))
+        tracked = tracked if found is None else found  # hidden as a whole, it is taken to be where it was seen last
         if tracked is None:
             continue
         by_tracks[k] = _warped(first, tracked)

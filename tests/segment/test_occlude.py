@@ -9,7 +9,7 @@ import pytest
 
 from diffphys_ros.segment.propagate import propagate
 from tests.boxes import bar, box_clip, oblique_camera, turned
-from tests.segment.occluded import Occluded, arm_across_a_bar, first_labels, ignored
+from tests.segment.occluded import BOARD, Occluded, arm_across_a_bar, first_labels, ignored
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,16 @@ def test_what_is_seen_of_the_object_keeps_its_label(scene: Occluded, labels: np.
 def test_the_object_is_found_again_after_the_arm(scene: Occluded, labels: np.ndarray) -> None:
     counted = (labels[-1] > 0) & ~ignored(labels[-1])
     assert (counted & scene.object[-1]).sum() / (counted | scene.object[-1]).sum() > 0.97
+
+
+def test_an_object_that_is_hidden_as_a_whole_is_ignored_and_found_again() -> None:
+    scene = arm_across_a_bar(BOARD, reach=0.5)
+    share = scene.hidden.sum((1, 2)) / (scene.hidden | scene.object).sum((1, 2))
+    assert share.max() > 0.98
+    labels = propagate(scene.clip.frames, scene.clip.seen, first_labels(scene), scene.clip.depth)
+    counted = (labels > 0) & ~ignored(labels)
+    assert (counted & scene.hidden).sum() / scene.hidden.sum() < 0.02
+    assert (counted[-1] & scene.object[-1]).sum() / (counted[-1] | scene.object[-1]).sum() > 0.97
 
 
 @pytest.mark.parametrize("with_depth", [True, False])
