@@ -15,6 +15,7 @@ LEAST_HOLDING = 0.1  # share of the tracks that must hold in a frame
 FRAMES_PER_RANK = 4  # received frames that one coordinate needs
 WILD, FAR = 10.0, 4.0  # of a position from the fit, in medians over all tracks and frames: it no longer counts, first and last
 ROUNDS = 4  # of fitting again at the end
+REFITS, SMALLEST_SHARE = 6, 0.1  # rounds of reweighting; errors below this share of their median weigh alike
 WRONG = 7.0  # from which the track does not hold in that frame
 RIDGE = 1e-3  # against tracks that hold in few frames; a coordinate seen in all of them has the weight of their number
 
@@ -69,7 +70,8 @@ def shared_motion(points: np.ndarray, valid: np.ndarray, seen: np.ndarray) -> Sh
     most = min(RANK, len(moved) // FRAMES_PER_RANK)
     for rank, far in [(r, WILD) for r in range(1, most + 1)] + [(most, FAR)] * ROUNDS:
         q = _coordinates(np.where(counted[..., None], moved, fitted)[:, steady], rank)
-        fitted = _regressed(q, moved, counted)
+        shapes = _shapes(q, moved, counted)
+        fitted = _refitted(shapes, moved, holds)
         error = np.linalg.norm(moved - fitted, axis=2)
         scale = max(float(np.median(error[holds])), 1e-12)
         counted = holds & (error < far * scale)
@@ -93,9 +95,26 @@ def _coordinates(moved: np.ndarray, rank: int) -> np.ndarray:
     return u[:, : max(1, min(rank, int((s > threshold).sum())))] * np.sqrt(len(moved))
 
 
-def _regressed(q: np.ndarray, moved: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Least-squares fit (F, M, 3) of displacements (F, M, 3) by coordinates (F, r) and a constant, each track over its own frames."""
+def _shapes(q: np.ndarray, moved: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Least-squares shapes (M, r + 1, 3), a constant last, of displacements (F, M, 3) over coordinates (F, r), each track over its own
+    frames."""
     terms = np.column_stack([q, np.ones(len(q))])
     normal = np.einsum("fm,fi,fj->mij", counted.astype(float), terms, terms) + RIDGE * np.eye(terms.shape[1])
     moment = np.einsum("fm,fi,fmc->mic", counted.astype(float), terms, moved)
-    return np.einsum("fi,mic->fmc", terms, np.linalg.solve(normal, moment))
+    return np.linalg.solve(normal, moment)
+
+
+def _refitted(shapes: np.ndarray, moved: np.ndarray, holds: np.ndarray) -> np.ndarray:
+    """Fit (F, M, 3) with every frame's coordinates found again from all tracks that hold in it, by least absolute deviations: a frame
+    whose coordinates were off, and whose tracks therefore no longer counted, comes back."""
+    design, constant = shapes[:, :-1].transpose(0, 2, 1), shapes[:, -1]
+    offset, weight = moved - constant, holds.astype(float)
+    for _ in range(REFITS):
+        normal = np.einsum("fm,mci,mcj->fij", weight, design, design)
+        moment = np.einsum("fm,mci,fmc->fi", weight, design, offset)
+        ridge = RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(design.shape[2]) / design.shape[2]
+        q = np.linalg.solve(normal + ridge * RIDGE, moment[..., None])[..., 0]
+        fitted = constant + np.einsum("fi,mci->fmc", q, design)
+        error = np.linalg.norm(moved - fitted, axis=2)
+        weight = holds / np.maximum(error, SMALLEST_SHARE * np.median(error[holds]) + 1e-12)
+    return fitted

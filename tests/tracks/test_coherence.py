@@ -81,3 +81,10 @@ def test_without_a_depth_topic_frame_zero_stays() -> None:
     true, valid = noisy(sheet()), np.ones((FRAMES, 225), bool)
     points, _ = settled(replace(seen(true), depth=None), true, valid)
     assert np.array_equal(points, true)
+
+
+def test_a_frame_unlike_all_others_keeps_its_tracks() -> None:
+    """What most tracks of a frame do alike is motion, however far it lies from that of the other frames."""
+    true, valid = noisy(sheet()), np.ones((FRAMES, 225), bool)
+    true[30] = true[0] + 2.5 * (noisy(sheet())[30] - true[0])
+    assert settled(seen(true), true, valid)[1][30].mean() > 0.95
