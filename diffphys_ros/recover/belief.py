@@ -34,8 +34,8 @@ def parted(body: Body, prior: MaterialPrior, camera: Camera) -> Body:
     for number, k in enumerate(kept):
         part[i[index == k], j[index == k]] = number + 1
     nearest = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
-    again = {name: np.repeat(getattr(body, name), len(kept)) for name in ("density", "poisson")}
-    return replace(body, part=part[tuple(nearest)], sources=body.sources | {"parts": prior.source}, **again)
+    density, poisson = (np.repeat(value, len(kept)) for value in (body.density, body.poisson))
+    return replace(body, part=part[tuple(nearest)], density=density, poisson=poisson, sources=body.sources | {"parts": prior.source})
 
 
 def of_parts(prior: MaterialPrior, body: Body, camera: Camera) -> Belief:
