@@ -26,16 +26,18 @@ def motion_mask(clip: Clip, settings: Settings) -> np.ndarray:
     """Object (1) and background (0) of frame 0, uint8 (H, W): what moves, and its still root where colour continues it and, with a
     depth topic, up to the next step in depth or the clamped face.
 
-    Of several moving regions the largest counts, or that of `segment.box_px` and `segment.point_px`. Raises InputError where
+    Of several moving regions the largest counts, or that of `segment.box_px` and `segment.point_px`; nothing lies outside the box. Raises InputError where
     nothing moves there.
     """
-    core = moving_core(clip.frames[clip.seen], Prompt.of(settings, clip.frames.shape[1:3]))
+    prompt = Prompt.of(settings, clip.frames.shape[1:3])
+    core = moving_core(clip.frames[clip.seen], prompt)
     if core.mean() < LEAST_SHARE:
         raise InputError(
             f"{clip.source or 'clip'}: {100 * core.mean():.2f} % of frame 0 is seen to move by {LEAST_MOTION_PX:g} px or more, needs at least "
             f"{100 * LEAST_SHARE:g} % to find the object by motion; give scene.first_mask"
         )
-    return _by_colour(clip.frames[0], core, reachable(clip, core, settings)).astype(np.uint8)
+    allowed = prompt.inside(core.shape)
+    return _by_colour(clip.frames[0], core, reachable(clip, core, settings), allowed).astype(np.uint8)
 
 
 def moving_core(frames: np.ndarray, prompt: Prompt) -> np.ndarray:
@@ -74,9 +76,9 @@ def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.abs(a.astype(np.float32) - b).max(-1)
 
 
-def _by_colour(frame: np.ndarray, core: np.ndarray, within: np.ndarray) -> np.ndarray:
+def _by_colour(frame: np.ndarray, core: np.ndarray, within: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """GrabCut (Rother et al. 2004) from the moving core: sharp edges, and the still root where its colours continue or, inside a
-    depth step's bounds `within` (H, W), where they are none of the scene's around."""
+    depth step's bounds `within` (H, W), where they are none of the scene's around; on `allowed` (H, W) pixels alone."""
     reach = max(3, round(0.03 * np.sqrt(core.sum())))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     guess = np.where(core | _likely(frame, core, within), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
@@ -84,7 +86,7 @@ def _by_colour(frame: np.ndarray, core: np.ndarray, within: np.ndarray) -> np.nd
     border = max(2, min(core.shape) // 60)
     rim = np.ones(core.shape, bool)
     rim[border:-border, border:-border] = False
-    guess[(rim & ~core) | ~cv2.dilate(within.astype(np.uint8), np.ones((3, 3))).astype(bool)] = cv2.GC_BGD
+    guess[(rim & ~core) | ~allowed | ~cv2.dilate(within.astype(np.uint8), np.ones((3, 3))).astype(bool)] = cv2.GC_BGD
     cv2.setRNGSeed(0)
     cv2.grabCut(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), guess, None, np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
     found = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)

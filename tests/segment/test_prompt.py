@@ -69,6 +69,15 @@ def test_a_prompt_chooses_among_moving_regions(two_movers: Clip, values: dict[st
     assert (motion_mask(two_movers, bar_settings()) > 0)[120:150, 184:216].mean() < 0.05
 
 
+def test_no_part_of_the_mask_lies_outside_the_box(two_movers: Clip) -> None:
+    whole = motion_mask(two_movers, bar_settings()) > 0
+    right, bottom = (int(np.nonzero(whole.any(axis))[0].mean()) for axis in (0, 1))
+    mask = motion_mask(two_movers, bar_settings(segment__box_px=[0, 0, right, bottom])) > 0
+    assert mask.any()
+    assert not mask[:, right + 1 :].any()
+    assert not mask[bottom + 1 :].any()
+
+
 def test_a_click_chooses_among_what_stands_out_from_the_border(two_movers: Clip) -> None:
     assert otsu_mask(two_movers, bar_settings(segment__point_px=[200, 135]))[:100].sum() == 0
 
