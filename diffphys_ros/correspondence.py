@@ -82,12 +82,20 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
 def affine_motion(at: np.ndarray, points: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Displacement (N, 2) and its gradient (N, 2, 2) at positions (N, 2), by affine fits to the AROUND nearest of points (M, 2), no fewer."""
     index = cKDTree(points).query(at, k=AROUND)[1]
-    point, value = points[index].astype(float), displacement[index].astype(float)
-    centre, mean = point.mean(1), value.mean(1)
+    alike = np.full(index.shape, 1 / AROUND)
+    return affine_fit(at, points[index].astype(float), displacement[index].astype(float), alike, stiffness_px2=RIGIDITY_PX2)
+
+
+def affine_fit(
+    at: np.ndarray, point: np.ndarray, value: np.ndarray, weight: np.ndarray, *, stiffness_px2: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Value (N, C) and gradient (N, C, 2) at positions (N, 2) of affine fits, one each, to values (N, K, C) of points (N, K, 2) [px] by
+    weights (N, K) that sum to 1. `stiffness_px2` is added to the points' second moment: those in a line turn hardly anything."""
+    centre, mean = (np.einsum("nk,nka->na", weight, a) for a in (point, value))
     arm = point - centre[:, None]
-    second = np.einsum("nka,nkb->nab", arm, arm) / AROUND + RIGIDITY_PX2 * np.eye(2)
-    cross = np.einsum("nka,nkb->nab", value - mean[:, None], arm) / AROUND
-    gradient = cross @ np.linalg.inv(second)
+    second = np.einsum("nk,nka,nkb->nab", weight, arm, arm) + stiffness_px2 * np.eye(2)
+    cross = np.einsum("nk,nka,nkb->nab", weight, value - mean[:, None], arm)
+    gradient = np.swapaxes(np.linalg.solve(second, np.swapaxes(cross, 1, 2)), 1, 2)
     return mean + np.einsum("nab,nb->na", gradient, at - centre), gradient
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .regions import window_of
+from .regions import disc, window_of
 
 UNSURE_PX = 5  # around a disagreement that is more than a border's width of noise
 AROUND_PX = 20  # colours are learnt this far around
@@ -21,7 +21,7 @@ def settle_by_colour(frame: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndar
     pixels beside it too: both masks may have missed the rest of a face that turns into view.
     """
     doubted = _doubted(a, b)
-    near = cv2.dilate(doubted.astype(np.uint8), _disc(AROUND_PX)) > 0
+    near = cv2.dilate(doubted.astype(np.uint8), disc(AROUND_PX)) > 0
     sure_object, sure_rest = near & ~doubted & a, near & ~doubted & ~a
     if min(sure_object.sum(), sure_rest.sum()) < NEAREST or not doubted.any():
         return a
@@ -41,7 +41,7 @@ def settle_by_colour(frame: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndar
 def _doubted(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     differ = (a != b).astype(np.uint8)
     thick = cv2.morphologyEx(differ, cv2.MORPH_OPEN, np.ones((3, 3)))
-    return (differ > 0) | (cv2.dilate(thick, _disc(UNSURE_PX)) > 0)
+    return (differ > 0) | (cv2.dilate(thick, disc(UNSURE_PX)) > 0)
 
 
 def _nearer(frame: np.ndarray, pixels: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -49,7 +49,3 @@ def _nearer(frame: np.ndarray, pixels: np.ndarray, one: np.ndarray, other: np.nd
     lab = cv2.cvtColor(frame, cv2.COLOR_RGB2LAB).astype(np.float32)
     distance = [cKDTree(lab[side]).query(lab[pixels], k=NEAREST)[0].mean(1) for side in (one, other)]
     return distance[0] < distance[1]
-
-
-def _disc(radius: int) -> np.ndarray:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))

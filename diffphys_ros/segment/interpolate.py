@@ -6,6 +6,9 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..correspondence import affine_fit
+from .regions import pixel_grid
+
 STEP_PX = 4  # distance of the pixels at which the motion is evaluated; bilinear between them
 NEIGHBOURS = 8  # points that one pixel listens to
 REACH_PX = 12.0  # within which they count alike; half the distance of the farthest of them where they lie apart
@@ -28,7 +31,7 @@ def interpolated_sources(now: np.ndarray, before: np.ndarray, near: np.ndarray) 
     motion = np.zeros_like(coarse)
     wanted = _touched(wide, coarse.shape[:2])
     motion[wanted] = affine_values(coarse[wanted], now.astype(float), (before - now).astype(float))
-    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+    grid = pixel_grid(near.shape)
     fine = cv2.remap(motion.astype(np.float32), grid[..., 0] / STEP_PX, grid[..., 1] / STEP_PX, cv2.INTER_LINEAR)
     return np.where(wide[..., None], grid + fine, np.float32(-2 * max(height, width)))
 
@@ -46,9 +49,4 @@ def affine_values(at: np.ndarray, points: np.ndarray, values: np.ndarray) -> np.
     distance, index = cKDTree(points).query(at, k=NEIGHBOURS)
     weight = np.exp(-0.5 * (distance / np.maximum(REACH_PX, 0.5 * distance[:, -1:])) ** 2)
     weight /= weight.sum(1, keepdims=True)
-    point, value = points[index], values[index]
-    centre, mean = (np.einsum("nk,nka->na", weight, a) for a in (point, value))
-    arm = point - centre[:, None]
-    second = np.einsum("nk,nka,nkb->nab", weight, arm, arm) + RIGIDITY_PX2 * np.eye(2)
-    cross = np.einsum("nk,nka,nkb->nab", weight, arm, value - mean[:, None])
-    return mean + np.einsum("na,nab->nb", at - centre, np.linalg.solve(second, cross))
+    return affine_fit(at, points[index], values[index], weight, stiffness_px2=RIGIDITY_PX2)[0]

@@ -9,7 +9,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..types import Clip
 from .prompt import Prompt
-from .regions import filled, touching
+from .regions import disc, filled, pixel_grid, touching
 from .surroundings import reachable
 
 LEAST_MOTION_PX = 1.0  # displacement from which texture is said to have moved
@@ -66,8 +66,7 @@ def _gain(first: np.ndarray, other: np.ndarray) -> np.ndarray:
     claims no motion."""
     grey0, grey1 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (first, other))
     flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(grey0, grey1, None)
-    grid = np.stack(np.meshgrid(np.arange(grey0.shape[1]), np.arange(grey0.shape[0])), -1).astype(np.float32)
-    moved = cv2.remap(other, grid + flow, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    moved = cv2.remap(other, pixel_grid(grey0.shape) + flow, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     difference = _difference(first, other) - _difference(first, moved)
     return np.where(np.linalg.norm(flow, axis=-1) > LEAST_MOTION_PX, cv2.boxFilter(difference, -1, (7, 7)), np.inf).astype(np.float32)
 
@@ -80,9 +79,8 @@ def _by_colour(frame: np.ndarray, core: np.ndarray, within: np.ndarray, allowed:
     """GrabCut (Rother et al. 2004) from the moving core: sharp edges, and the still root where its colours continue or, inside a
     depth step's bounds `within` (H, W), where they are none of the scene's around; on `allowed` (H, W) pixels alone."""
     reach = max(3, round(0.03 * np.sqrt(core.sum())))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     guess = np.where(core | _likely(frame, core, within), cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    guess[cv2.erode(core.astype(np.uint8), disc) > 0] = cv2.GC_FGD
+    guess[cv2.erode(core.astype(np.uint8), disc(reach)) > 0] = cv2.GC_FGD
     border = max(2, min(core.shape) // 60)
     rim = np.ones(core.shape, bool)
     rim[border:-border, border:-border] = False
@@ -114,8 +112,7 @@ def _foreign(lab: np.ndarray, within: np.ndarray) -> np.ndarray:
 
 def _closed(mask: np.ndarray, radius: float) -> np.ndarray:
     """A mask with its gaps up to twice the radius [px] closed."""
-    side = 2 * max(2, round(radius)) + 1
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc(max(2, round(radius)))) > 0
 
 
 def _frequency(bins: np.ndarray) -> np.ndarray:

@@ -119,11 +119,12 @@ def _scene_behind(frames: np.ndarray, shown: np.ndarray) -> np.ndarray:
 def _approach(pixels: np.ndarray, values: np.ndarray, window: tuple[slice, slice]) -> tuple[np.ndarray, float]:
     """Least change of depth (h, w) [m] that the tracks (M, 2) with `values` (M,) leave possible at the pixels of a window: the smaller one of
     their neighbours' median and of a plane through them; and the robust standard deviation of the values from that median."""
-    median = np.median(values[cKDTree(pixels).query(pixels, k=NEIGHBOURS)[1]], 1)
+    tree = cKDTree(pixels)
+    median = np.median(values[tree.query(pixels, k=NEIGHBOURS)[1]], 1)
     rows, columns = (np.arange(side.start, side.stop + STEP_PX, STEP_PX) for side in window)
     coarse = np.stack(np.meshgrid(columns, rows), -1).astype(float)
     at, known = coarse.reshape(-1, 2), median[:, None]  # a single wrong depth has no say
-    least = np.minimum(affine_values(at, pixels.astype(float), known)[:, 0], median[cKDTree(pixels).query(at)[1]])
+    least = np.minimum(affine_values(at, pixels.astype(float), known)[:, 0], median[tree.query(at)[1]])
     grid = np.stack(np.meshgrid(*(np.arange(side.stop - side.start) for side in window[::-1])), -1).astype(np.float32) / STEP_PX
     fine = cv2.remap(least.reshape(coarse.shape[:2]).astype(np.float32), grid, None, cv2.INTER_LINEAR)
     return fine, 1.4826 * float(np.median(np.abs(values - median)))

@@ -13,6 +13,7 @@ from ..types import IGNORE
 from .colour import settle_by_colour
 from .interpolate import interpolated_sources
 from .occlude import ColourWitness, DepthWitness, before_the_scene
+from .regions import pixel_grid
 
 TRACKS = 150
 MATCHING = Matching(window_px=15, round_trip_px=0.4)
@@ -67,7 +68,7 @@ def _flows(frames: np.ndarray, seen: np.ndarray) -> Iterator[tuple[int, np.ndarr
     to frame 0, started from the flow of the frame before, so that errors do not add up."""
     flow_of = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
-    grid = np.stack(np.meshgrid(np.arange(first.shape[1]), np.arange(first.shape[0])), -1).astype(np.float32)
+    grid = pixel_grid(first.shape)
     flow = None
     for k in np.flatnonzero(seen[1:]) + 1:
         flow = flow_of.calc(cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY), first, flow)

@@ -19,6 +19,16 @@ def filled(mask: np.ndarray) -> np.ndarray:
     return binary_fill_holes(mask)
 
 
+def disc(radius: int) -> np.ndarray:
+    """Structuring element of all pixels within a radius [px]."""
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+
+
+def pixel_grid(shape: tuple[int, ...]) -> np.ndarray:
+    """Every pixel's own position u, v of an image (H, W), float32 (H, W, 2)."""
+    return np.stack(np.meshgrid(np.arange(shape[1]), np.arange(shape[0])), -1).astype(np.float32)
+
+
 def window_of(mask: np.ndarray) -> tuple[slice, slice]:
     """Rows and columns of the smallest window around a mask that is not empty."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..config import Settings
 from ..types import Clip
+from .regions import pixel_grid
 
 STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends
 LEAST_SHARE = 0.5  # of the moving pixels that the surface must hold; less, and depth says nothing about the object
@@ -57,7 +58,6 @@ def _before_clamp(clip: Clip, depth: np.ndarray, core: np.ndarray, settings: Set
         return np.ones(depth.shape, bool)
     low, high = np.reshape(box, (2, 3))
     axis = int(np.argmin(high - low))  # across the face the box is thinnest
-    pixels = np.stack(np.meshgrid(np.arange(depth.shape[1]), np.arange(depth.shape[0])), -1).astype(float)
-    beyond = clip.camera.backproject(pixels, depth.astype(float))[..., axis] - (low + high)[axis] / 2
+    beyond = clip.camera.backproject(pixel_grid(depth.shape).astype(float), depth.astype(float))[..., axis] - (low + high)[axis] / 2
     side = np.sign(np.median(beyond[core]))
     return beyond * side > -(high - low)[axis] / 2
