@@ -151,16 +151,7 @@ class ForwardModel:
         [N/m^3] (T - 1, P, 3) on top of the family's. Raises SimulationError."""
         poisson = self.poisson if field_poisson is None else field_poisson
         start = self._start(unknowns, young, poisson, self.simulator)
-        force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
-        states = self.simulator.rollout(
-            start,
-            young,
-            poisson,
-            force if field_force is None else force + field_force,
-            unknowns.mass_damping,
-            after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
-            report=report,
-        )
+        states = self._path(self.simulator, unknowns, start, young, poisson, field_force, report)
         since0 = states.F @ torch.linalg.inv(start.F)[None]
         return Motion(states.x, since0, unknowns, start, young, field_poisson, field_force)
 
@@ -173,16 +164,30 @@ class ForwardModel:
             every = [self.layout.unpack(simulator.tensor(z), modes=self.basis.shape[2]) for z in zs]
             young = torch.stack([unknowns.young[self.part] for unknowns in every])
             start = self._start(every[0], young, self.poisson, simulator)
-            force = every[0].force[:-1, None, :] * self.weights[None, :, None]
-            states = simulator.rollout(
-                start,
-                young,
-                self.poisson,
-                force,
-                every[0].mass_damping,
-                after_frame=lambda state: self.damping.kick(state, every[0].stiffness_damping),
-            )
+            states = self._path(simulator, every[0], start, young, self.poisson)
         return (states.x - states.x[:1]).transpose(0, 1)
+
+    def _path(
+        self,
+        simulator: Simulator,
+        unknowns: Unknowns,
+        start: State,
+        young: torch.Tensor,
+        poisson: torch.Tensor,
+        field_force: torch.Tensor | None = None,
+        report: Callable[[float], None] | None = None,
+    ) -> State:
+        """States at all frames under the force and damping of the unknowns."""
+        force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
+        return simulator.rollout(
+            start,
+            young,
+            poisson,
+            force if field_force is None else force + field_force,
+            unknowns.mass_damping,
+            after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
+            report=report,
+        )
 
     def _start(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor, simulator: Simulator) -> State:
         """Frame 0: settled under gravity, then the recovered initial motion on top."""

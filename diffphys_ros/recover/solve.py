@@ -175,8 +175,7 @@ def _limit(problem: Problem, z: np.ndarray, step: np.ndarray) -> float:
 
 def _room(problem: Problem, z: np.ndarray) -> np.ndarray:
     """How far log E per part may still rise (n,) before fit.max_substeps no longer carry it."""
-    ratio = problem.settings.fit.max_substeps / problem.forward.simulator.substeps
-    return np.log(problem.forward.simulator.max_young() * ratio**2 / problem.layout.young_of(z))
+    return np.log(problem.forward.simulator.max_young(problem.settings.fit.max_substeps) / problem.layout.young_of(z))
 
 
 def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float | None) -> Progress:

@@ -143,8 +143,7 @@ def _base(problem: Problem, z: np.ndarray) -> Believed:
 
 def _bounds(problem: Problem, base: Believed) -> Bounds:
     """SPAN about the moduli, no higher than fit.max_substeps carry."""
-    young, simulator = base.young, problem.forward.simulator
-    carried = simulator.max_young() * (problem.settings.fit.max_substeps / simulator.substeps) ** 2
+    young, carried = base.young, problem.forward.simulator.max_young(problem.settings.fit.max_substeps)
     return Bounds(float(young.min()) / SPAN, max(min(float(young.max()) * SPAN, carried), 1.001 * float(young.max())), log=True)
 
 

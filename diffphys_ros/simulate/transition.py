@@ -224,10 +224,11 @@ class Simulator:
             state = self.frame(state, young, poisson, None, mass_damping, density=density, friction=friction, number=k - frames)
         return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))
 
-    def max_young(self) -> float:
-        """Largest Young's modulus [Pa] that the substeps carry at CFL 0.5, for the particles' Poisson's ratio and density."""
+    def max_young(self, substeps: int | None = None) -> float:
+        """Largest Young's modulus [Pa] that the substeps, or so many of them, carry at CFL 0.5, for the particles' Poisson's ratio and
+        density."""
         p = self.particles
-        return float(max_young(self.substeps, p.poisson, p.density, dx=self.grid.dx, period_s=self.period_s).min())
+        return float(max_young(substeps or self.substeps, p.poisson, p.density, dx=self.grid.dx, period_s=self.period_s).min())
 
     def scratch_bytes(self) -> int:
         """Memory of the simulator itself once gradients were asked for [bytes]; a rollout adds 96 B x particles x frames."""
