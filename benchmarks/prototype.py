@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from diffphys_ros.types import Grid, Particles
+
 # Warp reads annotations as values, which mypy cannot:
 # mypy: ignore-errors
 
@@ -127,16 +129,11 @@ class Prototype:
 
     def __init__(
         self,
-        x: np.ndarray,
+        particles: Particles,
+        grid: Grid,
         *,
         young: float,
         poisson: float,
-        mass: np.ndarray,
-        volume: np.ndarray,
-        origin: np.ndarray,
-        dx: float,
-        nodes: tuple[int, int, int],
-        clamp_index: int,
         dt: float,
         substeps: int,
         mass_damping: float,
@@ -144,16 +141,16 @@ class Prototype:
         device: str,
         real: type = wp.float32,
     ):
-        """Everything in SI units; x (P, 3) [m]."""
+        """Everything in SI units; moduli are the same everywhere."""
         wp.init()
         k = self.kernels = kernels(real)
-        self.device, self.size, self.substeps, self.real = device, nodes, substeps, real
-        count = len(x)
+        self.device, self.size, self.substeps, self.real = device, grid.size, substeps, real
+        x, count = particles.x_rest, len(particles.x_rest)
         lame = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         self.mu, self.lam = (self._array(np.full(count, value), real) for value in lame)
-        self.matter = [self.mu, self.lam, self._array(mass, real), self._array(volume, real)]
-        self.space = [k.vec3(*origin), dx, dt]
-        self.gravity, self.clamp_index, self.drag = k.vec3(*gravity), clamp_index, float(np.exp(-mass_damping * dt))
+        self.matter = [self.mu, self.lam, self._array(particles.mass, real), self._array(particles.volume, real)]
+        self.space = [k.vec3(*grid.origin), grid.dx, dt]
+        self.gravity, self.clamp_index, self.drag = k.vec3(*gravity), grid.clamp_index, float(np.exp(-mass_damping * dt))
         still = (
             (x, k.vec3),
             (np.zeros((count, 3)), k.vec3),

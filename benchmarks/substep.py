@@ -99,24 +99,18 @@ def timed(name: str, unit: str, case: str, device: str, *, batch: int | None = N
 
 def prototype(case: Case, device: str) -> tuple[Callable[[], None], Prototype]:
     """A run of one frame and its gradient by the prototype: a CUDA graph where there is one."""
-    body, grid = case.body, case.grid
     peer = Prototype(
-        body.x_rest,
+        case.body,
+        case.grid,
         young=YOUNG,
         poisson=POISSON,
-        mass=body.mass,
-        volume=body.volume,
-        origin=grid.origin,
-        dx=grid.dx,
-        nodes=grid.size,
-        clamp_index=grid.clamp_index,
         dt=PERIOD_S / case.substeps,
         substeps=case.substeps,
         mass_damping=MASS_DAMPING,
         gravity=GRAVITY,
         device=device,
     )
-    peer.weight.assign(np.tile([0.0, 1.0, 0.0], (len(body.x_rest), 1)))
+    peer.weight.assign(np.tile([0.0, 1.0, 0.0], (case.particles, 1)))
 
     def run() -> None:
         peer.forward()

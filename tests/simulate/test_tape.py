@@ -14,17 +14,10 @@ SUBSTEPS, DT, YOUNG, POISSON, GRAVITY = 12, 4e-4, 1e5, 0.3, (0.3, -9.81, 0.5)
 
 
 def prototype(body) -> Prototype:
-    particles, grid = body
     return Prototype(
-        particles.x_rest,
+        *body,
         young=YOUNG,
         poisson=POISSON,
-        mass=particles.mass,
-        volume=particles.volume,
-        origin=grid.origin,
-        dx=grid.dx,
-        nodes=grid.size,
-        clamp_index=grid.clamp_index,
         dt=DT,
         substeps=SUBSTEPS,
         mass_damping=0.7,
