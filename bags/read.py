@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from diffphys_ros.bags.assemble import assemble
+from diffphys_ros.bags.assemble import Stamped, assemble
 from diffphys_ros.bags.camera import Edges, camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
 from diffphys_ros.bags.decode import decode_compressed, decode_image
 from diffphys_ros.bags.storage import Bag, open_bag
@@ -64,7 +64,12 @@ def _first_mask(bag: Bag, topic: str | None, stamp: int, source: str) -> np.ndar
     masks, _, _ = _read_topic(bag, topic, source, "mask")
     if not masks:
         raise InputError(f"{source}: topic {topic} holds no message, needs a label image of frame 0; name another with topics.mask")
-    return min(masks, key=lambda item: abs(item[0] - stamp))[1][..., 0]
+    return nearest(masks, stamp)[..., 0]
+
+
+def nearest(images: Stamped, stamp: int) -> np.ndarray:
+    """The one of stamped images that is nearest in time to a stamp [ns]."""
+    return min(images, key=lambda item: abs(item[0] - stamp))[1]
 
 
 def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:

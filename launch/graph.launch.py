@@ -10,7 +10,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
-INPUTS = {"image": "image", "camera_info": "camera_info", "depth": "depth", "camera_pose": "camera_pose"}
+INPUTS = {"image": "image", "camera_info": "camera_info", "depth": "depth", "mask": "mask", "camera_pose": "camera_pose"}
 ARGUMENTS = {
     **{name: (topic, f"topic of {name}") for name, topic in INPUTS.items()},
     "reliability": ("best_effort", "of the raw inputs: best_effort or reliable"),

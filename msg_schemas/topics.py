@@ -49,6 +49,7 @@ TOPICS = _table(
     Topic("clip/camera_info", CAMERA_INFO, "camera", "px", "intrinsics of the (undistorted) frames"),
     Topic("clip/depth", IMAGE, "camera", "m (32FC1), 0 unknown", "depth along the optical axis, stamps of clip/image", depth=KEEP_ALL),
     Topic("clip/camera_pose", TRANSFORM, "world", "m", "camera in the root of its transform tree"),
+    Topic("clip/first_mask", IMAGE, "camera", "mono8 labels", "what a mask topic says the object in frame 0 is; empty where there is none"),
     Topic("clip/mask", IMAGE, "camera", "mono8 labels", "0 background, 1..n parts (1 at the clamp), 255 ignore", depth=KEEP_ALL),
     Topic("clip/end", COUNT, "", "frames", "number of clip/image messages; the clip is complete"),
     Topic("splats", CLOUD, "world", "m, logit, log m", "static 3D Gaussians of frame 0, fields named as in a 3DGS .ply"),

@@ -17,7 +17,7 @@ from .qos import profile
 from .stage import StageNode
 from .worker import Job
 
-CLIP = ("clip/camera_info", "clip/camera_pose", "clip/image", "clip/depth", "clip/end")
+CLIP = ("clip/camera_info", "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/end")
 MASK = "clip/mask"
 
 

@@ -6,7 +6,7 @@ Frames keep the stamps they were recorded with, so that every listener assembles
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from diffphys_ros.bags.assemble import assemble, uniform_clock
 from diffphys_ros.bags.camera import camera_from_info, pose_in_root
 from diffphys_ros.bags.decode import decode_image
-from diffphys_ros.bags.read import edge
+from diffphys_ros.bags.read import decoded, edge
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Camera, Clip
@@ -22,24 +22,28 @@ from diffphys_ros.types import Camera, Clip
 from .convert import stamp_ns
 
 SOURCE = "topics clip/*"
+SINGLE = {"clip/camera_info": "info", "clip/camera_pose": "pose", "clip/first_mask": "first_mask"}  # attribute of a ClipBuffer
 Plain = tuple[str, dict[str, Any]]  # topic, fields
 
 
 def clip_messages(clip: Clip, stamps: np.ndarray, pose: dict[str, Any] | None = None) -> Iterator[Plain]:
     """The messages of a clip; `stamps` (T,) [ns] as of slot_stamps, `pose` a TransformStamped where one was received.
 
-    A clip without depth has one empty depth image, so that a listener need not guess whether more is to come.
+    A clip without depth has one empty depth image, one without a mask topic an empty first mask, so that a listener need not guess
+    whether more is to come.
     """
     camera, first, seen = clip.camera, int(stamps[0]), np.flatnonzero(clip.seen)
     yield "clip/camera_info", messages.camera_info(messages.header(first, camera.frame_id), camera)
     yield "clip/camera_pose", pose or messages.camera_pose(first, camera)
+    head = messages.header(first, camera.frame_id)
+    yield "clip/first_mask", messages.no_image(head) if clip.first_labels is None else messages.image(head, clip.first_labels, "mono8")
     for k in seen:
-        head = messages.header(int(stamps[k]), camera.frame_id)
-        yield "clip/image", messages.image(head, clip.frames[k], "rgb8")
+        stamped = messages.header(int(stamps[k]), camera.frame_id)
+        yield "clip/image", messages.image(stamped, clip.frames[k], "rgb8")
         if clip.depth is not None:
-            yield "clip/depth", messages.image(head, clip.depth[k], "32FC1")
+            yield "clip/depth", messages.image(stamped, clip.depth[k], "32FC1")
     if clip.depth is None:
-        yield "clip/depth", messages.no_image(messages.header(first, camera.frame_id))
+        yield "clip/depth", messages.no_image(head)
     yield "clip/end", {"data": len(seen)}
 
 
@@ -65,6 +69,7 @@ class ClipBuffer:
 
     info: Any = None
     pose: Any = None
+    first_mask: Any = None
     count: int | None = None  # images announced by clip/end
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
     depths: dict[int, Any] = field(default_factory=dict)
@@ -78,7 +83,7 @@ class ClipBuffer:
         elif topic == "clip/end":
             self.count = message.data
         else:
-            setattr(self, "info" if topic == "clip/camera_info" else "pose", message)
+            setattr(self, SINGLE[topic], message)
 
     def missing(self, *, masks: bool) -> str:
         """What is still to come, in words; empty where the clip is complete."""
@@ -88,6 +93,7 @@ class ClipBuffer:
             "clip/image (all that clip/end announced)": len(self.images) >= (self.count or 0),
             "clip/camera_info": self.info is not None,
             "clip/camera_pose": self.pose is not None,
+            "clip/first_mask": self.first_mask is not None,
             "clip/depth": len(self.depths) >= (1 if self._without_depth else len(self.images)),
         }
         late = next((topic for topic, there in wanted.items() if not there), "")
@@ -97,9 +103,11 @@ class ClipBuffer:
         """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
         depths = [] if self._without_depth else [(s, _decoded(m)) for s, m in sorted(self.depths.items())]
         clip = assemble([(s, _decoded(m)) for s, m in sorted(self.images.items())], depths, self.camera(), SOURCE)
+        if self.first_mask is not None and self.first_mask.height:
+            clip = replace(clip, first_labels=labels_of(self.first_mask, "clip/first_mask"))
         if not self.masks:
             return clip
-        labels = [_labels(m) for _, m in sorted(self.masks.items())]
+        labels = [labels_of(m, "clip/mask") for _, m in sorted(self.masks.items())]
         if len(labels) != len(clip) or labels[0].shape != clip.frames.shape[1:3]:
             raise InputError(
                 f"topic clip/mask: {len(labels)} masks of {labels[0].shape[::-1]} px for {len(clip)} frames of {clip.frames.shape[2:0:-1]} px; "
@@ -134,7 +142,8 @@ def _decoded(message: Any) -> np.ndarray:
     return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
 
 
-def _labels(message: Any) -> np.ndarray:
-    if message.encoding != "mono8":
-        raise InputError(f"topic clip/mask: encoding is {message.encoding!r}, must be mono8; publish label images")
-    return _decoded(message)[..., 0]
+def labels_of(message: Any, topic: str) -> np.ndarray:
+    """Label image uint8 (H, W) of a sensor_msgs/Image. Raises InputError, naming the topic, where it is not mono8."""
+    if message.encoding not in ("mono8", "8UC1"):
+        raise InputError(f"topic {topic}: encoding is {message.encoding!r}, must be mono8; publish label images")
+    return decoded(message, "topics", topic)[..., 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,12 +15,12 @@ from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.assemble import assemble
-from diffphys_ros.bags.read import decoded, edge, read_clip, seen_through
+from diffphys_ros.bags.read import decoded, edge, nearest, read_clip, seen_through
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Clip
 
 from .clip_stage import CLIP
-from .clip_topics import clip_messages, slot_stamps
+from .clip_topics import clip_messages, labels_of, slot_stamps
 from .convert import stamp_ns
 from .parameters import Own, existing
 from .qos import RELIABILITY, latched, sensor
@@ -54,6 +55,7 @@ class IngestNode(StageNode):
         """Begin to collect."""
         self.images: list[tuple[str, Any]] = []  # topic, message
         self.depths: list[Any] = []
+        self.masks: list[Any] = []
         self.info: Any = None
         self.links: dict[str, Any] = {}  # TransformStamped by child frame
         self.closed, self.ignored = False, 0
@@ -88,7 +90,8 @@ class IngestNode(StageNode):
         qos = sensor(self.parameters["reliability"])
         for topic, kind in (("image", Image), ("image/compressed", CompressedImage)):
             self.create_subscription(kind, topic, partial(self._on_image, topic), qos)
-        self.create_subscription(Image, "depth", self._on_depth, qos)
+        for beside in ("depth", "mask"):
+            self.create_subscription(Image, beside, partial(self._on_beside, beside), qos)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, qos)
         self.create_subscription(TransformStamped, "camera_pose", self._on_link, latched())
         try:
@@ -112,9 +115,9 @@ class IngestNode(StageNode):
         if len(self.images) >= self.parameters["max_frames"]:
             self._finish()
 
-    def _on_depth(self, message: Any) -> None:
+    def _on_beside(self, topic: str, message: Any) -> None:
         if not self.closed:
-            self.depths.append(message)
+            (self.depths if topic == "depth" else self.masks).append(message)
 
     def _on_info(self, message: Any) -> None:
         self.info = self.info or message
@@ -127,9 +130,8 @@ class IngestNode(StageNode):
             self._finish()
 
     def _finish(self) -> None:
-        images, depths, info, links = self.images, self.depths, self.info, dict(self.links)
         settings = self.parameters.settings()
-        self.start(partial(_assemble, images, depths, info, links, settings))
+        self.start(partial(_assemble, self.images, self.depths, self.masks, self.info, dict(self.links), settings))
 
     def _read_job(self) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
@@ -164,7 +166,7 @@ class IngestNode(StageNode):
 
 
 def _assemble(
-    images: list[tuple[str, Any]], depths: list[Any], info: Any, links: dict[str, Any], settings: config.Settings
+    images: list[tuple[str, Any]], depths: list[Any], masks: list[Any], info: Any, links: dict[str, Any], settings: config.Settings
 ) -> Generator[None, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
     """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform."""
     yield
@@ -174,9 +176,11 @@ def _assemble(
     view = (frames[0][1].shape[1], frames[0][1].shape[0], first.header.frame_id)
     edges = dict(edge(link) for link in links.values())
     camera, undistort, notes = seen_through(info, edges, settings, view, SOURCE, image_topic=topic, info_topic="camera_info")
+    mask = nearest([(stamp_ns(m), labels_of(m, "mask")) for m in masks], frames[0][0]) if masks else None
     if undistort:
+        mask = None if mask is None else undistort(mask)
         frames, metres = ([(stamp, undistort(image)) for stamp, image in some] for some in (frames, metres))
-    clip = assemble(frames, metres, camera, SOURCE, notes=notes)
+    clip = replace(assemble(frames, metres, camera, SOURCE, notes=notes), first_labels=mask)
     return clip, slot_stamps(clip, np.array([stamp for stamp, _ in frames])), _single(links, camera.frame_id)
 
 

@@ -1,7 +1,7 @@
 """A camera driver's stand-in: publishes the raw topics of a bag at the recorded rate.
 
-`python -m diffphys_ros.nodes.replay clip.mcap` gives image or image/compressed, camera_info, depth, and the pose on
-`camera_pose` (latched); then stays, so that latched messages can be had, until a signal comes.
+`python -m diffphys_ros.nodes.replay clip.mcap` gives image or image/compressed, camera_info, depth, with `--mask TOPIC` label images on
+`mask`, and the pose on `camera_pose` (latched); then stays, so that latched messages can be had, until a signal comes.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE, TRANSFORM
 from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop
 
 
-def raw_messages(bag: Bag, source: str) -> Iterator[tuple[str, str, int, Any]]:
+def raw_messages(bag: Bag, source: str, topics: Topics) -> Iterator[tuple[str, str, int, Any]]:
     """(topic, type, log time [ns], plain fields) of what a driver would publish, poses first."""
-    image, depth, info = choose_topics(bag, Topics(), source)
+    image, depth, info = choose_topics(bag, topics, source)
     for _, log_ns, tree in bag.messages(["/tf_static"]):
         for link in tree.transforms:
             yield "camera_pose", TRANSFORM, log_ns, plain(link)
     compressed = bag.types[image] == COMPRESSED
     names = {image: ("image/compressed", COMPRESSED) if compressed else ("image", IMAGE), depth: ("depth", IMAGE), info: ("camera_info", CAMERA_INFO)}
+    names |= {topics.mask: ("mask", IMAGE)}
     for topic, log_ns, message in bag.messages([t for t in names if t]):
         yield *names[topic], log_ns, plain(message)
 
@@ -47,6 +48,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Publishes the raw topics of a bag at the recorded rate.")
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0, help="speed relative to the recording")
+    parser.add_argument("--mask", metavar="TOPIC", help="of label images")
     options, _ = parser.parse_known_args()
     stop = Stop()
     import rclpy
@@ -54,7 +56,7 @@ def main() -> int:
 
     try:
         with open_bag(options.bag) as bag:
-            messages = list(raw_messages(bag, str(options.bag)))
+            messages = list(raw_messages(bag, str(options.bag), Topics(mask=options.mask)))
     except InputError as error:
         print(f"replay: {error}", file=sys.stderr)
         return BAD_INPUT

@@ -11,12 +11,11 @@ from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from diffphys_ros.bags.read import decoded
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera
 
 from .clip_stage import MASK, ClipStage
-from .clip_topics import mask_messages, slot_stamps
+from .clip_topics import labels_of, mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
 
@@ -63,7 +62,7 @@ class SegmentNode(ClipStage):
             if CLICK in told:
                 chosen = parameters.settings({"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:
-                clip = replace(clip, first_labels=labels_of(told[FIRST_MASK]))
+                clip = replace(clip, first_labels=labels_of(told[FIRST_MASK], FIRST_MASK))
                 chosen = parameters.settings({"scene.first_mask": None, "segment.method": "given"})
             yield f"labelling {len(clip)} frames"
             return list(mask_messages(clip.with_labels(label_clip(clip, chosen)), slot_stamps(clip, buffer.stamps())))
@@ -98,10 +97,3 @@ def pixel_of(click: Any, camera: Camera) -> np.ndarray:
     if depth <= 0:
         raise InputError(f"topic {CLICK}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
     return pixel
-
-
-def labels_of(message: Any) -> np.ndarray:
-    """Label image uint8 (H, W) of a sensor_msgs/Image. Raises InputError where it is not mono8."""
-    if message.encoding not in ("mono8", "8UC1"):
-        raise InputError(f"topic {FIRST_MASK}: encoding is {message.encoding!r}, must be mono8; publish a label image of frame 0")
-    return decoded(message, "segment_node", FIRST_MASK)[..., 0]

@@ -58,6 +58,12 @@ def test_a_clip_without_depth_says_so(made_clip):
     assert_same(buffer.clip(), made_clip)
 
 
+def test_the_label_image_of_a_mask_topic_arrives_and_its_absence_too(made_clip):
+    labels = made_clip.labels[0] * 3
+    np.testing.assert_array_equal(over_topics(replace(made_clip, first_labels=labels)).clip().first_labels, labels)
+    assert over_topics(made_clip).clip().first_labels is None
+
+
 def test_a_lost_frame_is_lost_on_the_other_side_too(deep_clip):
     seen = np.arange(len(deep_clip)) != 5
     frames, depth = deep_clip.frames.copy(), deep_clip.depth.copy()
@@ -77,7 +83,7 @@ def test_stamps_with_jitter_give_the_clock_of_the_recording_bit_for_bit(deep_cli
     assert (first.period_s, first.start_ns) == (again.period_s, again.start_ns)
 
 
-@pytest.mark.parametrize("topic", ["clip/image", "clip/depth", "clip/mask", "clip/end", "clip/camera_info", "clip/camera_pose"])
+@pytest.mark.parametrize("topic", ["clip/image", "clip/depth", "clip/mask", "clip/end", "clip/camera_info", "clip/camera_pose", "clip/first_mask"])
 def test_a_clip_is_complete_only_when_the_last_message_of_each_topic_is_there(deep_clip, topic):
     stamps = slot_stamps(deep_clip)
     everything = [*clip_messages(deep_clip, stamps), *mask_messages(deep_clip, stamps)]
