@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from std_srvs.srv import Trigger
 
@@ -23,9 +24,13 @@ from .qos import profile
 from .splat_topic import splats_of
 from .worker import FAILED, Job
 
+if TYPE_CHECKING:
+    from diffphys_ros.recover import Checkpoint
+
 OWN = (
     Own("bag", "", "recording to recover from instead of topics: MCAP file, rosbag2 folder, video or image folder"),
     Own("out", "", "folder for recovery.npz, recovery.mcap, recovery.rrd and figures; empty: none are written"),
+    Own("resume", False, "go on from the checkpoint of an interrupted fit in `out`, where there is one"),
 )
 SPLATS, PROGRESS, QUALITY = "splats", "~/progress", "~/quality"
 Steps = Generator[Any, None, Any]
@@ -71,11 +76,10 @@ class FitNode(ClipStage):
         return {"loss": self.loss, "playing": self.playback is not None, "net_force_reference": reference}
 
     def job(self) -> Job:
-        settings, out = self.parameters.settings(), self.parameters["out"]
+        settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         if self.bag:
-            return lambda: _recover(_from_bag(self.bag, settings), settings, out)
-        buffer, splats = self.buffer, self.splats
-        return lambda: _recover(_from_topics(buffer, splats, settings), settings, out)
+            return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
+        return lambda: _recover(partial(_from_topics, self.buffer, self.splats, settings), settings, out, resume)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -157,27 +161,33 @@ class FitNode(ClipStage):
         return response
 
 
-def _from_bag(bag: str, settings: config.Settings) -> Steps:
+def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
     from diffphys_ros.recover import run
 
-    return (yield from run(Path(bag), settings))
+    return (yield from run(Path(bag), settings, checkpoint=checkpoint))
 
 
-def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings) -> Steps:
+def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
     from diffphys_ros.recover import Judge, pick_device, prepare, solve
 
     judge = Judge.of(settings, device=pick_device(settings))
     prepared = yield from prepare(buffer.clip(), settings)
-    recovery = yield from solve(prepared, splats, settings)
+    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
     return prepared, splats, judge.judged(recovery, prepared)
 
 
-def _recover(steps: Steps, settings: config.Settings, out: str) -> Generator[Any, None, list[str]]:
+def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:
     """News, then what is to be published, then the files; returns what was left out, one sentence each."""
-    prepared, splats, recovery = yield from steps
+    from diffphys_ros.recover import Checkpoint
+
+    path = Path(out) / "checkpoint.npz" if out else None
+    checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path is not None and path.exists())
+    prepared, splats, recovery = yield from job(checkpoint)
     yield Published(fields.answer(recovery, prepared.clip, settings))
     if not out:
         return []
     from diffphys_ros.result import write_all
 
-    return write_all(recovery, prepared.clip, settings, out, splats=splats)
+    left_out = write_all(recovery, prepared.clip, settings, out, splats=splats)
+    checkpoint.remove()
+    return left_out

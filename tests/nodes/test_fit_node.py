@@ -43,8 +43,15 @@ class Robot:
         self.until(future.done)
         return future.result()
 
+    def progress(self) -> list[dict[str, str]]:
+        return [messages.values_of(m.status[0]) for m in self.heard["~/progress"]]
+
     def stages(self) -> list[str]:
-        return [messages.values_of(m.status[0])["stage"] for m in self.heard["~/progress"]]
+        return [values["stage"] for values in self.progress()]
+
+    def fits(self, iteration: int) -> bool:
+        """Whether the fit has told of this iteration."""
+        return any(values["stage"] == "fit" and values["iteration"] == str(iteration) for values in self.progress())
 
 
 @pytest.fixture
@@ -74,6 +81,26 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot):
     r.until(lambda: r.stages().count("segment") == 2)
     assert r.call("reset").success
     r.until(lambda: not r.node.worker.busy)
+
+
+FEW = {"fit__iterations": 3, "particles__cells": 3, "particles__per_cell": 1.5, "splats__iterations": 3, "splats__max_count": 300}
+
+
+def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robot, tmp_path):
+    bag = {"bag": sample_folder() / "clip.mcap", "config": sample_folder() / "given.yaml", "out": tmp_path, "resume": True}
+    r = robot(**bag, **FEW)
+    r.listen("~/progress")
+    r.until(lambda: r.fits(1), 300)
+    assert r.call("cancel").success
+    r.until(lambda: r.node.state == "cancelled")
+    assert (tmp_path / "checkpoint.npz").exists()
+    r.heard["~/progress"].clear()
+    assert r.call("fit").success
+    r.until(lambda: r.node.state == "done", 300)
+    assert not r.fits(0)  # the start was not evaluated again
+    assert r.fits(3)
+    assert (tmp_path / "recovery.npz").exists()
+    assert not (tmp_path / "checkpoint.npz").exists()
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
