@@ -112,6 +112,8 @@ class ParticleSettings:
 
     cells: int = setting(0, "grid cells over the thickness; 0: chosen to end inside fit.time_budget_s", low=0, high=32)
     per_cell: float = setting(0.0, "particles per cell and axis; 0: chosen", low=0.0, high=4.0)
+    grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of particles.cells (the paper's 64 or 128)", low=16, high=512)
+    downsample_ratio: float = setting(0.0, "share of the Gaussians and a dense interior behind them that is kept as particles (paper Table 3); 0: particles on a lattice, which bends more truly", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,24 @@ import numpy as np
 
 from ..config import Settings
 from ..types import Body, Clip
+from .downsample import DensePoints, dense_points, downsample
 from .fill import fill
-from .grid import fit_grid
+from .grid import fit_grid, spacing_of_nodes
 from .skinning import Binding, bind
 from .splats import deform_splats
 
-__all__ = ["Binding", "bind", "build_body", "deform_splats", "fill", "fit_grid"]
+__all__ = [
+    "Binding",
+    "DensePoints",
+    "bind",
+    "build_body",
+    "deform_splats",
+    "dense_points",
+    "downsample",
+    "fill",
+    "fit_grid",
+    "spacing_of_nodes",
+]
 
 
 def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:

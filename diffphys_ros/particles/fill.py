@@ -53,7 +53,7 @@ def fill(body: Body, dx: float, per_cell: float) -> Particles:
     count = np.maximum(np.rint(thickness / spacing).astype(int), 1)
     column = np.repeat(np.arange(len(count)), count)
     x = np.concatenate([columns.centre[column], (_layers(count) * thickness[column])[:, None]], 1)
-    order = _grid_order(x, dx)
+    order = grid_order(x, dx)
     x, column = x[order], column[order]
     part = columns.part[column]
     return Particles(x, (columns.volume / count)[column], part, body.density[part - 1], body.poisson[part - 1], column >= len(own.area))
@@ -148,6 +148,6 @@ def _behind_clamp(own: Columns, spacing: float, dx: float) -> Columns:
     return replace(behind, centre=np.stack([x, behind.centre[:, 1]], -1))
 
 
-def _grid_order(x: np.ndarray, dx: float) -> np.ndarray:
+def grid_order(x: np.ndarray, dx: float) -> np.ndarray:
     cell = np.floor(x / dx + 1e-9).astype(int)
     return np.lexsort((x[:, 2], x[:, 1], x[:, 0], cell[:, 2], cell[:, 1], cell[:, 0]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..types import Grid, Particles
+from ..types import Body, Grid, Particles
 
 CLAMP_INSET = 1 / 6  # cells by which the last held plane of nodes lies inside the body: a quadratic B-spline still moves on that
 # plane, and the lattice yields like a body clamped 0.14 (tension) to 0.18 (bending) cells behind it
@@ -30,3 +30,14 @@ def fit_grid(particles: Particles, *, dx: float, reach_m: float, clamped: bool) 
         origins.append((low + high) / 2 - cells * dx / 2)
         sizes.append(cells + 1)
     return Grid(np.array(origins, float), dx, (sizes[0], sizes[1], sizes[2]), int(-first) if clamped else -1)
+
+
+def spacing_of_nodes(body: Body, nodes: int, reach_m: float) -> float:
+    """Cell size dx [m] at which the longest side of a grid around the body has `nodes` nodes at most, and three less at least.
+
+    reach_m: how far its particles move at most [m], as `fit_grid` takes it.
+    """
+    used = [np.flatnonzero(body.inside.any(1 - axis)) for axis in (0, 1)]
+    length, width = (body.pitch_m * (u[-1] - u[0] + 1) for u in used)
+    sides = [length + (1 if body.clamped else 2) * reach_m, width + 2 * reach_m, 2 * float(body.half_thickness.max()) + 2 * reach_m]
+    return float(max(sides) / (nodes - 2 * MARGIN_CELLS - 4))

@@ -10,7 +10,7 @@ import torch
 
 from ..fields import Layout, Unknowns
 from ..footprints import footprint_weights
-from ..particles import fill, fit_grid
+from ..particles import DensePoints, downsample, fill, fit_grid
 from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
 from .calibrate import UNMEASURED, measure_apparent, motion_share
@@ -53,12 +53,12 @@ class Discretisation:
     sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
 
 
-def discretise(prepared: Prepared, plan: Plan, *, device: str) -> Discretisation:
-    """Particles and grid of a plan, and the lattice's apparent stiffness on this very body."""
+def discretise(prepared: Prepared, plan: Plan, *, device: str, dense: DensePoints | None = None) -> Discretisation:
+    """Particles and grid of a plan, and their apparent stiffness on this very body; the particles are a share of `dense` points, or fill
+    a lattice."""
     body, modal, young = prepared.body, prepared.modal, prepared.start.young
-    particles = fill(body, plan.dx, plan.per_cell)
-    reach = REACH * _largest_motion(prepared) + 0.5 * plan.dx
-    grid = fit_grid(particles, dx=plan.dx, reach_m=reach, clamped=body.clamped)
+    particles = fill(body, plan.dx, plan.per_cell) if dense is None else downsample(body, dense, plan.kept, plan.dx)
+    grid = fit_grid(particles, dx=plan.dx, reach_m=reach_of(prepared) + 0.5 * plan.dx, clamped=body.clamped)
     value, gradient = modal.evaluate(particles.x_rest)
     value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
     sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
@@ -75,10 +75,11 @@ def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str)
     return found.value, found.expected_log10_error
 
 
-def _largest_motion(prepared: Prepared) -> float:
+def reach_of(prepared: Prepared) -> float:
+    """Room that the motion is given in the grid [m]."""
     tracks = prepared.tracks
     moved = np.linalg.norm(tracks.points - tracks.points[:1], axis=-1)[tracks.valid]
-    return float(np.quantile(moved, 0.999))
+    return REACH * float(np.quantile(moved, 0.999))
 
 
 class ForwardModel:

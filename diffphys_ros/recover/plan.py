@@ -6,12 +6,13 @@ every run; a slower machine is caught by the clock in solve.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..config import Settings
+from ..config import ParticleSettings, Settings
 from ..errors import InputError
+from ..particles import spacing_of_nodes
 from ..simulate import substeps_per_frame
 from ..types import Body
 
@@ -19,6 +20,7 @@ from ..types import Body
 RATES = {"cpu": (8e-7, 0.06), "cuda": (2e-9, 0.004)}
 LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the particles
 GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
+TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly (docs/accuracy.md)
 ENOUGH = 4  # cells that bend as truly as more (docs/accuracy.md) and twist within what the calibration takes up
 QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
@@ -26,44 +28,64 @@ STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
 SEARCH_SHARE = 0.4  # of the time, where fields are trained after the search
 RENDER_SHARE = 0.3  # of an iteration, at most, spent on images
 
+Grid = tuple[float, float]  # cells over the thickness, particles per cell and axis
+
 
 @dataclass(frozen=True)
 class Plan:
     """What a fit will do."""
 
-    cells: int  # over the thickness
+    cells: float  # over the thickness
     per_cell: float  # particles per cell and axis
     dx: float  # [m]
     substeps: int  # per frame, at the start
     iterations: int
     image_every: int  # frames between two that enter the image term
     seconds_per_iteration: float  # expected [s]
+    kept: int = 0  # particles that are left of dense points; 0: they fill a lattice
 
     def text(self) -> str:
         """One line for people."""
         return (
-            f"{self.cells} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:g} particles per cell and axis, "
+            f"{self.cells:.3g} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:.3g} particles per cell and axis, "
             f"{self.substeps} substeps a frame, {self.iterations} iterations of about {self.seconds_per_iteration:.1f} s, "
             f"every {self.image_every}. frame in the image term"
         )
 
 
-def make_plan(body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
-    """The finest grid on which the wanted iterations fit into fit.time_budget_s, into QUICK_S where it is finer than ENOUGH;
-    InputError where max_substeps forbids all."""
-    plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in _grids(settings)]
+def make_plan(
+    body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str, reach_m: float = 0.0, dense: int = 0
+) -> Plan:
+    """The finest grid on which the wanted iterations fit into fit.time_budget_s, into QUICK_S where it is finer than ENOUGH.
+
+    Args:
+        body: the filled solid.
+        young: per part [Pa], shape (n,).
+        frames: to simulate.
+        period_s: between frames [s].
+        settings: `particles.*` and `fit.*`.
+        device: cpu or cuda:0.
+        reach_m: how far the body moves [m], for a grid of particles.grid_nodes.
+        dense: points of which particles.downsample_ratio keeps a share.
+
+    Raises:
+        InputError: fit.max_substeps forbids all grids, or the kept particles are too few for any.
+    """
+    grids = _grids(body, settings.particles, reach_m, dense)
+    plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in grids]
     allowed = [p for p in plans if p.substeps <= settings.fit.max_substeps]
     if not allowed:
         least = min(plans, key=lambda p: p.substeps)
         raise InputError(
-            f"fit.max_substeps {settings.fit.max_substeps}: {least.cells} cells over the thickness need {least.substeps} substeps a frame "
+            f"fit.max_substeps {settings.fit.max_substeps}: {least.cells:.3g} cells over the thickness need {least.substeps} substeps a frame "
             f"at E = {young.max():.3g} Pa; raise it to {least.substeps} or lower particles.cells"
         )
     wanted = settings.fit.iterations or WANTED_ITERATIONS
     budget_s = search_budget_s(settings)
-    asked = settings.particles.cells > 0
+    asked = settings.particles.cells > 0 or settings.particles.grid_nodes is not None
     fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= (budget_s if asked or p.cells <= ENOUGH else min(budget_s, QUICK_S))]
     plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
+    plan = replace(plan, kept=round(settings.particles.downsample_ratio * dense))
     return plan if settings.fit.iterations else _with_iterations(plan, budget_s)
 
 
@@ -79,18 +101,45 @@ def fields_wanted(settings: Settings) -> bool:
 
 def _with_iterations(plan: Plan, budget_s: float) -> Plan:
     count = int(np.clip(budget_s / plan.seconds_per_iteration, LEAST_ITERATIONS, MOST_ITERATIONS))
-    return Plan(**{**plan.__dict__, "iterations": count})
+    return replace(plan, iterations=count)
 
 
-def _grids(settings: Settings) -> list[tuple[int, float]]:
-    cells, per_cell = settings.particles.cells, settings.particles.per_cell
-    grids = [(cells or c, per_cell or p) for c, p in GRIDS]
-    return list(dict.fromkeys(grids))
+def _grids(body: Body, particles: ParticleSettings, reach_m: float, dense: int) -> list[Grid]:
+    """What may be chosen from, best first."""
+    cells = float(particles.cells)
+    if particles.grid_nodes:
+        if particles.cells:
+            raise InputError(f"particles.cells {particles.cells} and particles.grid_nodes {particles.grid_nodes} are both given; leave one of them out")
+        cells = _thickness(body) / spacing_of_nodes(body, particles.grid_nodes, reach_m)
+    if particles.downsample_ratio:
+        return _sparse_grids(body, particles, cells, dense)
+    return list(dict.fromkeys((cells or c, particles.per_cell or p) for c, p in GRIDS))
 
 
-def _plan_on(grid: tuple[int, float], body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
+def _sparse_grids(body: Body, particles: ParticleSettings, cells: float, dense: int) -> list[Grid]:
+    """Those on which the kept share of `dense` points is at least one particle per cell, those on which it is enough first."""
+    ratio, kept = particles.downsample_ratio, round(particles.downsample_ratio * dense)
+    if particles.per_cell:
+        raise InputError(f"particles.per_cell {particles.per_cell:g} and particles.downsample_ratio {ratio:g} are both given; leave one of them out")
+    found = [(c, _thickness(body) / c * (kept / body.volume_m3) ** (1 / 3)) for c in dict.fromkeys(cells or c for c, _ in GRIDS)]
+    if found[-1][1] < 1:
+        coarsest = found[-1][0]
+        need = int(np.ceil(body.volume_m3 * (coarsest / _thickness(body)) ** 3))
+        cure = f"raise it to {1.01 * need / dense:.2g} or lower particles.{'grid_nodes' if particles.grid_nodes else 'cells'}"
+        raise InputError(
+            f"particles.downsample_ratio {ratio:g}: keeps {kept} of {dense} points, must keep at least one in each of the {need} cells that the body "
+            f"fills at {coarsest:.3g} cells over its thickness; {cure if need <= dense else 'raise splats.max_count'}"
+        )
+    return sorted((grid for grid in found if grid[1] >= 1), key=lambda grid: grid[1] < TRUE_PER_CELL)
+
+
+def _thickness(body: Body) -> float:
+    return float(2 * body.half_thickness[body.inside].max())
+
+
+def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
     cells, per_cell = grid
-    dx = float(2 * body.half_thickness[body.inside].max() / cells)
+    dx = _thickness(body) / cells
     substeps = substeps_per_frame(young, body.poisson, body.density, dx=dx, period_s=period_s)
     count = body.volume_m3 / (dx / per_cell) ** 3
     kind = "cuda" if device.startswith("cuda") else "cpu"

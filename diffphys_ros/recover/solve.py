@@ -11,12 +11,13 @@ import torch
 
 from ..config import Settings
 from ..fields import Layout
-from ..types import Recovery, Splats
+from ..particles import DensePoints, dense_points
+from ..types import Body, Recovery, Splats
 from .answer import assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint
 from .curvature import track_hessian
 from .floor import floor_planes
-from .forward import Discretisation, ForwardModel, discretise
+from .forward import Discretisation, ForwardModel, discretise, reach_of
 from .images import ImageTerm, Renderer
 from .law import law_to_fit
 from .linear import linear_displacement
@@ -61,8 +62,18 @@ def pick_device(settings: Settings) -> str:
 def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32) -> Problem:
     """Grid, unknowns, loss and its curvature; `dtype` of the simulation."""
     clip, body, device = prepared.clip, prepared.body, pick_device(settings)
-    plan = make_plan(body, prepared.start.young, frames=len(clip) - 1, period_s=clip.period_s, settings=settings, device=device)
-    disc = discretise(prepared, plan, device=device)
+    dense = _dense(body, splats) if settings.particles.downsample_ratio else None
+    plan = make_plan(
+        body,
+        prepared.start.young,
+        frames=len(clip) - 1,
+        period_s=clip.period_s,
+        settings=settings,
+        device=device,
+        reach_m=reach_of(prepared),
+        dense=0 if dense is None else len(dense.x),
+    )
+    disc = discretise(prepared, plan, device=device, dense=dense)
     start = scaled_start(prepared.start, settings.fit.start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
@@ -81,6 +92,12 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
+
+
+def _dense(body: Body, splats: Splats | None) -> DensePoints:
+    """What particles.downsample_ratio is a share of."""
+    surface = np.zeros((0, 3)) if splats is None else splats.mean.astype(float)
+    return dense_points(body, body.to_body(surface))
 
 
 def _motion_unit(prepared: Prepared) -> np.ndarray:

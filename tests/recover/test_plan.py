@@ -5,13 +5,14 @@ import pytest
 
 from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
+from diffphys_ros.particles import fill, fit_grid
 from diffphys_ros.recover.plan import QUICK_S, make_plan
 
 from .conftest import YOUNG, make_body
 
 
-def plan(*, device="cpu", **settings):
-    return make_plan(make_body(), YOUNG, frames=40, period_s=1 / 30, settings=build(settings), device=device)
+def plan(*, device="cpu", reach_m=0.0, dense=0, **settings):
+    return make_plan(make_body(), YOUNG, frames=40, period_s=1 / 30, settings=build(settings), device=device, reach_m=reach_m, dense=dense)
 
 
 def test_more_time_buys_a_finer_grid_and_the_expected_time_keeps_the_budget():
@@ -45,3 +46,38 @@ def test_more_than_four_cells_are_taken_only_where_that_costs_half_a_minute_at_m
     assert fast.cells > 4
     assert fast.iterations * fast.seconds_per_iteration <= 2 * QUICK_S
     assert plan(**{"particles.cells": 6}).cells == 6
+
+
+@pytest.mark.parametrize("nodes", [24, 64, 128])
+@pytest.mark.parametrize("reach_m", [0.0, 0.08])
+def test_a_grid_of_so_many_nodes_along_its_longest_side_has_them_within_three(nodes, reach_m):
+    p = plan(reach_m=reach_m, **{"particles.grid_nodes": nodes, "particles.per_cell": 1.0})
+    assert p.cells == pytest.approx(0.1 / p.dx)
+    grid = fit_grid(fill(make_body(), p.dx, 1.0), dx=p.dx, reach_m=reach_m + 0.5 * p.dx, clamped=True)
+    assert nodes - 3 <= max(grid.size) <= nodes
+
+
+def test_cells_and_nodes_are_not_both_taken():
+    with pytest.raises(InputError, match=r"particles.cells 4 and particles.grid_nodes 64 are both given; leave one"):
+        plan(**{"particles.cells": 4, "particles.grid_nodes": 64})
+
+
+def test_a_share_of_dense_points_sets_particles_per_cell_and_prefers_grids_that_bend_truly():
+    p = plan(dense=100_000, **{"particles.downsample_ratio": 0.01})
+    assert p.kept == 1000
+    assert p.per_cell == pytest.approx(p.dx / (0.003 / 1000) ** (1 / 3))
+    assert p.per_cell >= 1.5
+    coarser = plan(dense=100_000, **{"particles.downsample_ratio": 0.003})
+    assert coarser.cells < p.cells
+    assert coarser.per_cell >= 1.5
+    assert plan().kept == 0
+
+
+def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
+    with pytest.raises(InputError, match=r"particles.downsample_ratio 0.0005: keeps 50 of 100000 points, .* each of the 81 cells .* raise it to 0.00082 or lower particles.cells"):
+        plan(dense=100_000, **{"particles.downsample_ratio": 0.0005})
+    assert plan(dense=100_000, **{"particles.downsample_ratio": 0.00082}).per_cell >= 1
+    with pytest.raises(InputError, match=r"raise splats.max_count"):
+        plan(dense=50, **{"particles.downsample_ratio": 1.0})
+    with pytest.raises(InputError, match=r"per_cell 2 and particles.downsample_ratio 0.01 are both given"):
+        plan(dense=100_000, **{"particles.downsample_ratio": 0.01, "particles.per_cell": 2.0})
