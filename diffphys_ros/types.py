@@ -258,7 +258,7 @@ class Recovery:
     density: np.ndarray  # [kg/m^3], shape (N,)
     force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
-    clamped: np.ndarray  # bool, shape (N,): held by the clamp; left out of net forces
+    clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces
     frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
     grid: Grid
     substeps: int  # per frame

@@ -8,7 +8,7 @@ from ..config import Settings
 from ..types import Body, Clip
 from .downsample import DensePoints, dense_points, downsample
 from .fill import fill
-from .grid import fit_grid, spacing_of_nodes
+from .grid import fit_grid, held_by, spacing_of_nodes
 from .skinning import Binding, bind
 from .splats import deform_splats
 
@@ -22,6 +22,7 @@ __all__ = [
     "downsample",
     "fill",
     "fit_grid",
+    "held_by",
     "spacing_of_nodes",
 ]
 

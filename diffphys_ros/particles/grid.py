@@ -32,6 +32,15 @@ def fit_grid(particles: Particles, *, dx: float, reach_m: float, clamped: bool) 
     return Grid(np.array(origins, float), dx, (sizes[0], sizes[1], sizes[2]), int(-first) if clamped else -1)
 
 
+def held_by(grid: Grid, x_rest: np.ndarray) -> np.ndarray:
+    """Which particles x_rest (P, 3) [m] the clamp holds, bool (P,): those whose nearest node along x is a held one.
+
+    A quadratic B-spline gives held nodes more than half of such a particle, whether mass or force; what acts on it goes into the support.
+    """
+    nearest = np.rint((x_rest[:, 0] - grid.origin[0]) / grid.dx)
+    return nearest <= grid.clamp_index
+
+
 def spacing_of_nodes(body: Body, nodes: int, reach_m: float) -> float:
     """Cell size dx [m] at which the longest side of a grid around the body has `nodes` nodes at most, and three less at least.
 

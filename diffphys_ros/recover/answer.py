@@ -9,7 +9,8 @@ import numpy as np
 from ..fields import Layout
 from ..footprints import footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
-from ..types import Particles, Recovery
+from ..particles import held_by
+from ..types import Recovery
 from .forward import Discretisation
 from .images import Renderer
 from .linear import linear_coordinates
@@ -92,7 +93,7 @@ def assemble(
         density=p.density[own],
         force=force.astype(np.float32),
         trajectory=trajectory.astype(np.float32),
-        clamped=_held(p, body.clamped)[own],
+        clamped=held_by(disc.grid, p.x_rest[own]),
         frames=frames,
         grid=disc.grid,
         substeps=substeps,
@@ -104,11 +105,6 @@ def assemble(
         metrics=metrics | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
         notes=notes(prepared),
     )
-
-
-def _held(particles: Particles, clamped: bool) -> np.ndarray:
-    """Particles on or behind the clamped face x = 0; what a force does to them goes into the support."""
-    return (particles.x_rest[:, 0] <= 0.0) & clamped
 
 
 def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, object]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.particles import fill, fit_grid
+from diffphys_ros.particles import fill, fit_grid, held_by
 from diffphys_ros.types import Body
 
 PITCH = 0.5e-3
@@ -167,3 +167,21 @@ def test_a_larger_reach_costs_nodes_only_where_the_body_moves() -> None:
     assert large.clamp_index == small.clamp_index
     assert large.size[0] - small.size[0] == 4
     assert large.size[1] - small.size[1] == 8
+
+
+@pytest.mark.parametrize("per_cell", [1.0, 1.5, 2.0, 3.0])
+def test_a_particle_is_held_where_held_nodes_have_more_than_half_of_its_weight(per_cell: float) -> None:
+    particles = fill(made_body(), 0.004, per_cell)
+    grid = fit_grid(particles, dx=0.004, reach_m=0.01, clamped=True)
+    distance = np.abs((particles.x_rest[:, :1] - grid.origin[0]) / grid.dx - np.arange(grid.size[0]))
+    spline = np.where(distance < 0.5, 0.75 - distance**2, 0.5 * np.maximum(1.5 - distance, 0) ** 2)
+    assert np.allclose(spline.sum(1), 1)
+    held = held_by(grid, particles.x_rest)
+    assert np.array_equal(held, spline[:, : grid.clamp_index + 1].sum(1) > 0.5)
+    assert held[particles.ghost].all()
+    assert held[particles.own].any()
+
+
+def test_nothing_is_held_without_a_clamp() -> None:
+    particles = fill(made_body(clamped=False), 0.004, 1.5)
+    assert not held_by(fit_grid(particles, dx=0.004, reach_m=0.01, clamped=False), particles.x_rest).any()

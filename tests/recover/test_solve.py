@@ -52,9 +52,17 @@ def test_the_loss_falls_and_progress_says_what_is_left(answer):
 
 def test_the_net_force_is_the_density_times_the_volume(prepared, answer):
     _, recovery = answer
-    whole = recovery.force[:, 0].astype(float) * recovery.volume.sum()
-    np.testing.assert_allclose(recovery.net_force(), whole, rtol=1e-5, atol=1e-9)
+    free = recovery.force[:, 0].astype(float) * recovery.volume[~recovery.clamped].sum()
+    np.testing.assert_allclose(recovery.net_force(), free, rtol=1e-5, atol=1e-9)
     assert recovery.volume.sum() == pytest.approx(prepared.body.volume_m3, rel=1e-6)
+
+
+def test_the_particles_that_the_clamp_holds_are_its_neighbours_and_hardly_move(answer):
+    _, recovery = answer
+    held = recovery.clamped
+    assert 0 < recovery.volume[held].sum() < 0.1 * recovery.volume.sum()
+    assert recovery.points[held, 0].max() < recovery.points[~held, 0].min()
+    assert np.ptp(recovery.trajectory[:, held], axis=0).max() < 0.01 * np.ptp(recovery.trajectory, axis=0).max()
 
 
 def test_the_fields_have_one_row_per_particle_and_frame(prepared, answer):
