@@ -7,22 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 
 from ..config import Settings
 from ..errors import InputError
-from ..losses import foreground, image_loss
+from ..losses import foreground
 from ..render import Rasterizer, Window, window_around
 from ..types import IGNORE, Camera, Splats
 from .density import prune_and_split
 from .discs import Discs, discs_of, gaussians, leaning, to_splats
 from .ply import canonical
 from .seed import gather_blocks, surface_at
+from .view import picture_loss, without
 
 MARGIN_PX = 8  # of the rendered window around the object
 FIRST_SHARE = 0.75  # of max_count that the fit starts with; splitting adds the rest
 SPLIT_AT = (0.25, 0.5)  # shares of the iterations after which discs are pruned and split
-ALPHA_WEIGHT = 1.0  # of the squared difference between alpha and mask
 RATES = {"pixel": 0.2, "log_scale": 0.06, "angle": 0.05, "logit": 0.1, "color": 0.005}  # Adam steps [px, -, rad, -, -]
 LEAN = 0.06  # slope of depth across the line of sight, in a direction that is new in every iteration
 LAST_RATE = 0.1  # of the steps at the end over those at the start
@@ -43,9 +42,7 @@ class _Target:
     ssim_weight: float
 
     def loss(self, image: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
-        """Image loss (paper A.13) + squared difference of alpha and mask."""
-        bleed = torch.where(self.counted, alpha - self.mask.float(), 0.0).square().sum() / self.mask.sum()
-        return image_loss(image, self.image, self.mask, ssim_weight=self.ssim_weight) + ALPHA_WEIGHT * bleed
+        return picture_loss(image, alpha, self.image, self.mask, self.counted, ssim_weight=self.ssim_weight)
 
     def under(self, discs: Discs, values: torch.Tensor) -> torch.Tensor:
         """Sum of values (h, w) over the pixels that each disc fills (G,): the gradient of the image with respect to a
@@ -94,16 +91,9 @@ def _target(image: np.ndarray, labels0: np.ndarray, depth0: np.ndarray, camera: 
         counted=crop(labels0 != IGNORE),
         depth=crop(np.where(known, depth0, 0).astype(np.float32)),
         depth_known=crop(known),
-        around=torch.as_tensor(_without(image, labels0 > 0), device=device),
+        around=torch.as_tensor(without(image, labels0 > 0), device=device),
         ssim_weight=settings.fit.ssim_weight,
     )
-
-
-def _without(image: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Image (H, W, 3) with each hidden pixel (H, W) replaced by the nearest other; black where all are hidden."""
-    if hidden.all():
-        return np.zeros_like(image)
-    return image[tuple(distance_transform_edt(hidden, return_distances=False, return_indices=True))]
 
 
 def _optimise(discs: Discs, target: _Target, iterations: int, count: int) -> Generator[tuple[int, int, float], None, Discs]:
