@@ -121,9 +121,10 @@ def stored_settings(path: str | Path) -> dict[str, Any]:
 
 def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.model import ModalModel
+    from .modes.zones import Zoned
     from .recover.prepare import Prepared
 
-    found = store.load(path, (Prepared, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
     if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     return found

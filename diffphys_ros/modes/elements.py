@@ -128,10 +128,11 @@ def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.
     return asm(hooke, basis).tocsr()[free][:, free].tocsc()
 
 
-def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int], *, loaded: bool = True) -> ModalModel:
+def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int], *, loaded: bool = True, varied: int = 0) -> ModalModel:
     """Ritz model spanned by the lowest `counts[i]` eigenmodes at each of `youngs[i]` (n,) and the static shapes under
     uniform loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second
-    order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same."""
+    order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same. varied: of how
+    many of the first's lowest modes the change with every part's modulus is spanned as well, to first order."""
     geometric = elements.geometric(youngs[0]) if elements.heavy else None
     loads = np.column_stack([elements.push, elements.gravity[:, None]] if elements.heavy else [elements.push])
     vectors = []
@@ -141,6 +142,7 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
         vectors.append(elements.eigenmodes(matrix, factor, count)[1])
         if len(vectors) == 1:
             vectors.append(factor.solve(loads))
+            vectors.extend(factor.solve(k @ vectors[0][:, :varied]) for k in elements.stiffness if varied)
     basis = _orthonormal(np.column_stack(vectors), elements.mass)
     full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
     full[elements.free] = basis

@@ -26,13 +26,13 @@ def log10_young_sd(tail: Tail, physics: Physics, body: Body, tracks: Tracks, *, 
     inverse = np.linalg.inv(jacobian.T @ jacobian + prior.T @ prior)
     excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
     covariance = inverse @ (jacobian.T @ jacobian * excess**2 + prior.T @ prior) @ inverse
-    variance = np.diag(covariance)[:parts] + _geometry(body, tracks) ** 2
+    variance = np.diag(covariance)[:parts] + outline_sd(body, tracks) ** 2
     if not density_known and parts > 1:
         variance += _density(tail, body) ** 2
     return np.sqrt(variance) / np.log(10.0)
 
 
-def _geometry(body: Body, tracks: Tracks) -> np.ndarray:
+def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:
     """Standard deviation of ln E per part from the outline: bending goes with the square of a limb's width and the fourth
     power of the length."""
     blur = SILHOUETTE_PX * metres_per_pixel(tracks)

@@ -77,7 +77,7 @@ def start_values(
     if motion.size_m < STILL * motion.noise_m:
         support = replace(support, has_free_tail=False)
     say(_describe(support))
-    fit = _Fit(Elements.of(body), body, tracks, motion, support, period_s, settings, belief)
+    fit = Evidence(Elements.of(body), body, tracks, motion, support, period_s, settings, belief)
     say(f"finite elements: {len(fit.elements.nodes)} nodes")
     if support.has_free_tail:
         fit, physics, modal = fit.settled()
@@ -100,7 +100,9 @@ def _describe(support: Support) -> str:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Evidence:
+    """What start values are read from."""
+
     elements: Elements
     body: Body
     tracks: Tracks
@@ -110,7 +112,7 @@ class _Fit:
     settings: Settings
     belief: Belief | None
 
-    def settled(self) -> tuple[_Fit, Physics, ModalModel]:
+    def settled(self) -> tuple[Evidence, Physics, ModalModel]:
         """Tail fit, the support grown by what the fit shows, and the tail fitted again where it grew."""
         physics, modal = self.physics()
         edges = self.force_problem(modal).edges(physics)

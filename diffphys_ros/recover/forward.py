@@ -109,6 +109,7 @@ class ForwardModel:
 
     def capture(self, young: np.ndarray) -> None:
         """Lay out the substeps anew for moduli (n,) [Pa]."""
+        self.captured = young
         self.simulator = self._simulator_for(young)
         self.damping = self._modal_damping()
 

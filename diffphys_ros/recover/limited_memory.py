@@ -7,8 +7,8 @@ stiffness): steps of equal size in all of them, as Adam takes, go nowhere near a
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -42,34 +42,53 @@ class Space:
         return torch.cat([piece.double().cpu().reshape(-1) for piece in pieces])
 
 
-def descend(space: Space, evaluate: Callable[[], Tensor]) -> Iterator[float]:
-    """Yields the loss at the start and after every step; the tensors then hold the values that gave it. Ends where no step is
-    left that lowers it. `evaluate` is the loss at the tensors' values; infinite where there is none."""
-    loss = evaluate()
-    at, value = space.vector(), float(loss.detach())
-    yield value
-    if not math.isfinite(value):
-        return
-    slope, pairs = space.gradient(loss), deque[tuple[Tensor, Tensor]](maxlen=MEMORY)
-    while float(slope.norm()) > 0:
-        found = _search(space, evaluate, at, value, slope, _direction(slope, pairs))
+@dataclass(frozen=True)
+class Descent:
+    """State of the search: everything that a checkpoint must hold."""
+
+    at: Tensor  # values of the tensors, (n,)
+    value: float
+    slope: Tensor  # d(value)/d(at), (n,); zeros where there is no value
+    steps: tuple[Tensor, ...] = ()  # remembered, oldest first, (n,) each
+    changes: tuple[Tensor, ...] = ()  # of the slope along each
+
+    def after(self, step: Tensor, value: float, slope: Tensor) -> Descent:
+        """The state one step on; the step is remembered where the slope rises along it."""
+        change, steps, changes = slope - self.slope, self.steps, self.changes
+        if float(step @ change) > 1e-10 * float(step.norm() * change.norm()):
+            steps, changes = (*steps, step)[-MEMORY:], (*changes, change)[-MEMORY:]
+        return Descent(self.at + step, value, slope, steps, changes)
+
+
+def descend(space: Space, evaluate: Callable[[], Tensor], state: Descent | None = None) -> Iterator[Descent]:
+    """Yields the state at the tensors' values, or goes on from `state` without yielding it, and the state after every step; the
+    tensors then hold the values that gave it. Ends where no step is left that lowers the loss. `evaluate` is the loss at the
+    tensors' values; infinite where there is none."""
+    if state is None:
+        state = _here(space, evaluate())
+        yield state
+    while math.isfinite(state.value) and float(state.slope.norm()) > 0:
+        found = _search(space, evaluate, state)
         if found is None:
-            space.assign(at)
-            if not pairs:
+            space.assign(state.at)
+            if not state.steps:
                 return
-            pairs.clear()  # what was learnt may mislead: once more straight downhill
+            state = Descent(state.at, state.value, state.slope)  # what was learnt may mislead: once more straight downhill
             continue
         step, loss = found
-        before, slope = slope, space.gradient(loss)
-        at, value = at + step, float(loss.detach())
-        if float(step @ (slope - before)) > 1e-10 * float(step.norm() * (slope - before).norm()):
-            pairs.append((step, slope - before))
-        yield value
+        state = state.after(step, float(loss.detach()), space.gradient(loss))
+        yield state
 
 
-def _search(space: Space, evaluate: Callable[[], Tensor], at: Tensor, value: float, slope: Tensor, direction: Tensor) -> tuple[Tensor, Tensor] | None:
-    """The first step along a direction that lowers the loss enough, and the loss there; None where TRIES do not find one."""
-    share, downhill = 1.0, float(slope @ direction)
+def _here(space: Space, loss: Tensor) -> Descent:
+    at, value = space.vector(), float(loss.detach())
+    return Descent(at, value, space.gradient(loss) if math.isfinite(value) else torch.zeros_like(at))
+
+
+def _search(space: Space, evaluate: Callable[[], Tensor], state: Descent) -> tuple[Tensor, Tensor] | None:
+    """The first step that lowers the loss enough, and the loss there; None where TRIES do not find one."""
+    at, value, direction = state.at, state.value, _direction(state)
+    share, downhill = 1.0, float(state.slope @ direction)
     for _ in range(TRIES):
         space.assign(at + share * direction)
         loss = evaluate()
@@ -82,11 +101,12 @@ def _search(space: Space, evaluate: Callable[[], Tensor], at: Tensor, value: flo
     return None
 
 
-def _direction(slope: Tensor, pairs: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
+def _direction(state: Descent) -> Tensor:
     """Minus the inverse Hessian times the gradient, from the remembered steps and changes of the gradient (two-loop recursion)."""
-    if not pairs:
-        return -slope * (FIRST_STEP / slope.norm())
-    rest, shares = slope.clone(), []
+    if not state.steps:
+        return -state.slope * (FIRST_STEP / state.slope.norm())
+    rest, shares = state.slope.clone(), []
+    pairs = list(zip(state.steps, state.changes, strict=True))
     for step, change in reversed(pairs):
         shares.append((step @ rest) / (step @ change))
         rest -= shares[-1] * change

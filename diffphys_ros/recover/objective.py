@@ -35,12 +35,14 @@ class Prior:
     FORCE, SMOOTH, MOTION = 1e-4, 1e-3, 1e-6
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float) -> Prior:
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
         """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
-        `start_scale` times off the start values; the prior stays where they are."""
+        `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
+        log E where more is known than the standard deviations."""
         n, count = layout.parts, len(layout.forced)
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        hessian[range(n), range(n)] = cls.LOG_YOUNG / (np.log(10) * start.log10_young_sd) ** 2
+        known = np.diag((np.log(10) * start.log10_young_sd) ** -2.0) if precision is None else precision
+        hessian[:n, :n] = cls.LOG_YOUNG * known
         centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         adjacent = np.diff(layout.forced) == 1

@@ -11,6 +11,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..losses import foreground
 from ..modes.model import ModalModel
+from ..modes.zones import Zoned
 from ..types import Body, Clip, MaterialPrior, StartValues, Tracks
 from .belief import believed, of_parts, parted
 from .law import law_to_fit
@@ -31,6 +32,7 @@ class Prepared:
     start: StartValues
     modal: ModalModel
     prior: MaterialPrior | None = None  # of the material
+    zones: Zoned | None = None  # where the material is wanted as a field
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -63,6 +65,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     from ..particles import build_body
     from ..prior import material_prior
     from ..tracks import follow
+    from .zones import zones_of
 
     check_clip(clip)
     law_to_fit(settings)
@@ -90,7 +93,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
         start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior)
     yield Progress("modes", text=describe_start(start), artefact=start)
-    return prepared
+    return replace(prepared, zones=(yield from zones_of(prepared, settings)))
 
 
 def describe_prior(prior: MaterialPrior) -> str:

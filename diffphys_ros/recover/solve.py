@@ -14,7 +14,7 @@ from ..fields import Layout
 from ..particles import DensePoints, dense_points
 from ..types import Body, Recovery, Splats
 from .answer import assemble, linear_answer, simulated_answer
-from .checkpoint import Checkpoint
+from .checkpoint import Checkpoint, Stored
 from .curvature import track_hessian
 from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise, reach_of
@@ -29,6 +29,7 @@ from .prepare import Prepared, scaled_start
 from .progress import Progress
 from .scan import best_scale
 from .train import Trained, train
+from .zones import divided, in_parts, zones_of
 
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
@@ -87,7 +88,8 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         with_depth = weights.depth_weight > 0 and prepared.tracks.has_depth
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
-    prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale)
+    precision = None if prepared.zones is None else prepared.zones.log_young_precision
+    prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale, precision=precision)
     per_motion = weights.track_weight + (weights.image_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
@@ -123,31 +125,36 @@ def solve(
     checkpoint = checkpoint or Checkpoint(None)
     checkpoint.bind(prepared.clip, settings)
     began = time.monotonic()
+    zones = yield from zones_of(prepared, settings)
+    prepared = divided(prepared, zones)
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(pick_device(settings))
     problem = pose_problem(prepared, splats, settings)
     count = len(problem.disc.particles.own)
     grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
     yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}")
-    state = yield from _search(problem, checkpoint, began)
-    trained = None if not fields_wanted(settings) else (yield from train(problem, state.z, began=began))
+    stored = checkpoint.load(problem.layout.size)
+    state = yield from _search(problem, checkpoint, began, stored)
+    trained = None if not fields_wanted(settings) else (yield from train(problem, state, began=began, checkpoint=checkpoint, stored=stored))
     yield Progress("result", text="final simulation and rendering")
-    recovery = _answer(problem, state, trained)
+    recovery = in_parts(_answer(problem, state, trained), zones)
     yield Progress("result", text=_verdict(recovery), artefact=recovery)
     return recovery
 
 
-def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator[Progress, None, Iterate]:
+def _search(problem: Problem, checkpoint: Checkpoint, began: float, stored: Stored | None) -> Generator[Progress, None, Iterate]:
     iterations, budget_s = problem.plan.iterations, search_budget_s(problem.settings)
     fixed = problem.settings.fit.iterations > 0
-    state = yield from _first(problem, checkpoint)
+    state = yield from _first(problem, stored)
     yield _news(problem, state, iterations, None)
+    if stored is not None and stored.training is not None:
+        return state  # its search had ended, maybe by the clock
     try:
         while state.iteration < iterations and not state.finished:
             before = time.monotonic()
             state = next(minimise(problem.objective, state, iterations=iterations, limit=lambda z, step: _limit(problem, z, step)))
             state = _recapture(problem, state)
-            checkpoint.offer(state, problem.layout.young_of(state.z))
+            checkpoint.offer(Stored(state, problem.forward.captured))
             took, spent = time.monotonic() - before, time.monotonic() - began
             yield _news(problem, state, iterations, took * (iterations - state.iteration))
             if not fixed and spent + took > budget_s:
@@ -157,11 +164,10 @@ def _search(problem: Problem, checkpoint: Checkpoint, began: float) -> Generator
     return state
 
 
-def _first(problem: Problem, checkpoint: Checkpoint) -> Generator[Progress, None, Iterate]:
-    stored = checkpoint.load(problem.layout.size)
+def _first(problem: Problem, stored: Stored | None) -> Generator[Progress, None, Iterate]:
     if stored is not None:
-        problem.forward.capture(stored[1])
-        return stored[0]
+        problem.forward.capture(stored.captured)
+        return stored.state
     start, terms = problem.layout.start, problem.objective(problem.layout.start)
     if terms.parts.get("track", np.inf) < POOR * problem.settings.fit.track_weight:
         return begin(lambda z: terms, start, problem.hessian)

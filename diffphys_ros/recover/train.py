@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from ..config import Fit
 from ..errors import SimulationError
 from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, Material, Smoothness, pretrain
 from ..simulate.stability import wave_speed
 from .belief import on_points
-from .limited_memory import Space, descend
+from .checkpoint import Checkpoint, Stored, Training
+from .limited_memory import Descent, Space, descend
+from .minimise import Iterate
 from .objective import Prior, Terms
 from .progress import Progress
 
@@ -100,27 +103,42 @@ class FieldModel:
         return 0.5 * (Prior.LOG_YOUNG * (away + ratio) + len(force) * size)
 
 
-def train(problem: Problem, z: np.ndarray, *, began: float) -> Generator[Progress, None, Trained]:
-    """Fields from the search's answer z (size,); ends after fit.field_iterations, or with the time budget. `began` is the
-    monotonic clock at the start of the whole fit [s]."""
-    model, fit, history = FieldModel(problem, z), problem.settings.fit, list[float]()
-    total = fit.field_iterations
-    rest = 0 if fit.force_field == "frame" else round(WARM_UP * total)
-    words = f"{fit.material_field} material, {fit.force_field} force"
-    before = time.monotonic()
-    for material, until in ((False, rest), (True, total)):
-        for value in _until(descend(model.space(material=material), lambda: model().total), until - len(history)):
-            history.append(value)
+def train(
+    problem: Problem, state: Iterate, *, began: float, checkpoint: Checkpoint | None = None, stored: Stored | None = None
+) -> Generator[Progress, None, Trained]:
+    """Fields from the search's answer; ends after fit.field_iterations, or with the time budget. `began` is the monotonic clock
+    at the start of the whole fit [s]; goes on from where `stored` says that training was."""
+    model, fit = FieldModel(problem, state.z), problem.settings.fit
+    done, checkpoint = stored.training if stored else None, checkpoint or Checkpoint(None)
+    history = list(done.history) if done else []
+    words, before = f"{fit.material_field} material, {fit.force_field} force", time.monotonic()
+    try:
+        for material, descent in _steps(model, fit, done):
+            history.append(descent.value)
+            checkpoint.offer(Stored(state, problem.forward.captured, Training(material, descent, tuple(history))))
             took, before = time.monotonic() - before, time.monotonic()
-            yield Progress("fields", len(history) - 1, total, value, took * (total - len(history)), words)
+            yield Progress("fields", len(history) - 1, fit.field_iterations, descent.value, took * (fit.field_iterations - len(history)), words)
             if not fit.iterations and before - began + 2 * took > fit.time_budget_s:
-                return _trained(model, history)
+                break
+    finally:
+        checkpoint.flush()
     return _trained(model, history)
 
 
-def _until(steps: Iterator[float], count: int) -> Iterator[float]:
-    """At most `count` of the steps; none is begun that is not wanted."""
-    return islice(steps, max(count, 0))
+def _steps(model: FieldModel, fit: Fit, done: Training | None) -> Iterator[tuple[bool, Descent]]:
+    """Steps with the material at rest, then with it, from where training was; whether the material moves, and the state."""
+    warm_up = 0 if fit.force_field == "frame" else round(WARM_UP * fit.field_iterations)
+    count, past = (len(done.history), done.material) if done else (0, False)
+    for material, until in ((False, warm_up), (True, fit.field_iterations)):
+        if past and not material:
+            continue
+        space = model.space(material=material)
+        here = done.descent if done and done.material == material else None
+        if here is not None:
+            space.assign(here.at)
+        for descent in islice(descend(space, lambda: model().total, here), max(until - count, 0)):  # none is begun that is not wanted
+            count += 1
+            yield material, descent
 
 
 def _trained(model: FieldModel, history: list[float]) -> Trained:
@@ -153,10 +171,11 @@ def _allowed(problem: Problem) -> np.ndarray:
 
 
 def _tightness(problem: Problem) -> np.ndarray:
-    """Weights (P,) of squared log E: each part's mean, over its prior variance. The start values' own spread holds only if the
-    part is one material, which is what a field doubts."""
+    """Weights (P,) of squared log E: each part's mean, over its prior variance. Without zones the start values' own spread holds
+    only if the part is one material, which is what a field doubts."""
     p, start = problem.disc.particles, problem.prepared.start
-    variance = np.log(10) ** 2 * (start.log10_young_sd[p.part - 1] ** 2 + VARIATION_SD**2)
+    doubt = VARIATION_SD if problem.prepared.zones is None else 0.0
+    variance = np.log(10) ** 2 * (start.log10_young_sd[p.part - 1] ** 2 + doubt**2)
     return 1 / (variance * np.bincount(p.part)[p.part])
 
 

@@ -13,10 +13,12 @@ import torch
 from diffphys_ros.config import build, leaves
 from diffphys_ros.fields import FORCE_FIELDS, MATERIAL_FIELDS
 from diffphys_ros.modes.elements import Elements, modal_model
-from diffphys_ros.recover import solve, train
+from diffphys_ros.recover import Checkpoint, solve, train
+from diffphys_ros.recover.minimise import Iterate
 from diffphys_ros.recover.prepare import Prepared
 from diffphys_ros.recover.solve import Problem, pose_problem
 from diffphys_ros.recover.train import FieldModel
+from diffphys_ros.recover.zones import zones_of
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import YOUNG
@@ -53,7 +55,9 @@ def one_part(prepared) -> Prepared:
 
 
 def trained(problem: Problem):
-    return drive(train.train(problem, problem.layout.start, began=time.monotonic()))
+    start = problem.layout.start
+    state = Iterate(start, 0.0, np.zeros_like(start), np.eye(len(start)))
+    return drive(train.train(problem, state, began=time.monotonic()))
 
 
 def test_the_words_of_the_settings_are_the_fields() -> None:
@@ -125,8 +129,14 @@ def test_the_loss_never_rises_and_the_fields_are_those_of_the_last_step(one_part
 
 
 @pytest.fixture(scope="module")
-def answer(one_part):
-    return drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
+def zoned(one_part) -> Prepared:
+    """With the zones that solve would find."""
+    return dataclasses.replace(one_part, zones=drive(zones_of(one_part, settings(material_field="residual")))[1])
+
+
+@pytest.fixture(scope="module")
+def answer(zoned):
+    return drive(solve(zoned, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
 
 
 def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> None:
@@ -141,9 +151,25 @@ def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> Non
 
 
 def test_two_runs_with_fields_are_equal_to_the_bit(answer, one_part) -> None:
+    """The second finds the zones by itself."""
     _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
     for name in ("young", "poisson", "force", "trajectory"):
         np.testing.assert_array_equal(getattr(again, name), getattr(answer[1], name))
+
+
+@pytest.mark.parametrize("stop", [0, 1, 5])
+def test_training_that_was_interrupted_goes_on_to_the_same_answer_to_the_bit(answer, zoned, tmp_path, stop: int) -> None:
+    """In the warm-up of the force, at its end, and after it."""
+    words = settings(material_field="residual", force_field="modes", field_iterations=10)
+    steps = solve(zoned, None, words, checkpoint=Checkpoint(tmp_path / "c.npz", every_s=1e9))
+    while (news := next(steps)).stage != "fields" or news.iteration < stop:
+        pass
+    steps.close()
+    news, resumed = drive(solve(zoned, None, words, checkpoint=Checkpoint(tmp_path / "c.npz", resume=True)))
+    assert [n.iteration for n in news if n.stage == "fields"] == list(range(stop + 1, 10))
+    for name in ("young", "poisson", "force", "trajectory"):
+        np.testing.assert_array_equal(getattr(resumed, name), getattr(answer[1], name))
+    assert resumed.metrics["fields"]["loss_history"] == answer[1].metrics["fields"]["loss_history"]
 
 
 def test_without_words_for_fields_nothing_is_trained(prepared) -> None:
