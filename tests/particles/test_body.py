@@ -14,8 +14,9 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.particles import build_body
 from diffphys_ros.particles.edges import coverage
 from diffphys_ros.particles.solid import local_half_width
+from diffphys_ros.particles.view import front_level, height_noise
 from diffphys_ros.types import Body, Camera, Clip
-from tests.boxes import Box, bar, bar_settings, box_clip, camera_at, oblique_camera
+from tests.boxes import Box, bar, bar_settings, box_clip, camera_at, oblique_camera, turned
 
 PIXEL_M = 0.0016  # of the oblique camera on the bar
 
@@ -177,3 +178,33 @@ def test_the_volume_of_a_truth_scene_is_met_within_one_percent(name: str, scenes
         assert body.volume_m3 == pytest.approx(truth["vertex_volume"].sum(), rel=0.01)
         length = body.pitch_m * (np.flatnonzero(body.inside.any(1))[-1] + 1)
         assert length == pytest.approx(body.to_body(truth["positions"][0])[:, 0].max(), abs=2.5 * body.pitch_m)  # a pixel is 3 cells
+
+
+@pytest.mark.parametrize("degrees", [1.0, 4.0])
+def test_a_front_that_recedes_thins_the_body_by_as_much_from_where_it_is_highest(degrees: float) -> None:
+    slope = np.tan(np.deg2rad(degrees))
+    body = solid(box_clip(bar(), [turned(np.deg2rad(degrees), 2)], oblique_camera()), bar_settings())
+    x = body.origin[0] + body.pitch_m * np.arange(len(body.inside))
+    middle = body.inside.shape[1] // 2
+    for at in (0.06, 0.12, 0.2):
+        assert np.median(body.half_thickness[np.abs(x - at) < 0.01, middle]) == pytest.approx(0.025 - slope * at, abs=6e-4)
+
+
+def test_the_noise_of_a_tilted_curved_surface_is_that_of_its_heights() -> None:
+    v, u = np.mgrid[:80, :100]
+    smooth = 0.001 * u + 2e-5 * (v - 40.0) ** 2
+    mask = (u > 10) & (u < 90)
+    noisy = smooth + np.random.default_rng(0).normal(0, 5e-4, u.shape)
+    assert height_noise(noisy, mask) == pytest.approx(5e-4, rel=0.1)
+    assert height_noise(smooth, mask) < 1e-9
+    assert height_noise(smooth, (u == 10) & (v < 8)) == 0.0
+
+
+def test_the_front_is_where_the_surface_is_highest_whatever_specks_rise_before_it() -> None:
+    u = np.mgrid[:60, :90][1]
+    mask = np.ones(u.shape, bool)
+    specks = np.random.default_rng(1).uniform(size=u.shape) < 0.02
+    noise = np.random.default_rng(2).normal(0, 2e-4, u.shape)
+    for surface in (np.zeros(u.shape), -2e-4 * u):
+        height = surface + noise + np.where(specks, 0.05, 0.0)
+        assert front_level(height, mask, 2e-4) == pytest.approx(0.0, abs=7e-4)
