@@ -51,10 +51,11 @@ def ssim_map(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     """Structural similarity (..., H, W) of two images (..., H, W) of values 0..1 under an 11 x 11 Gaussian window
     (Wang et al. 2004, equation 13). Beyond the border both images count as 0."""
     rows, columns = (_blur_matrix(n, like=a) for n in a.shape[-2:])
-    mean_a, mean_b, aa, bb, ab = (rows @ torch.stack([a, b, a * a, b * b, a * b]) @ columns).unbind(0)
-    var_a, var_b, covariance = aa - mean_a**2, bb - mean_b**2, ab - mean_a * mean_b
-    luminance = (2 * mean_a * mean_b + SSIM_C1) / (mean_a**2 + mean_b**2 + SSIM_C1)
-    return luminance * (2 * covariance + SSIM_C2) / (var_a + var_b + SSIM_C2)
+    mean_b = rows @ b @ columns  # by itself: an observed image needs no way back
+    mean_a, squares, ab = (rows @ torch.stack([a, a * a + b * b, a * b]) @ columns).unbind(0)
+    both = mean_a**2 + mean_b**2
+    luminance = (2 * mean_a * mean_b + SSIM_C1) / (both + SSIM_C1)
+    return luminance * (2 * (ab - mean_a * mean_b) + SSIM_C2) / (squares - both + SSIM_C2)
 
 
 def depth_loss(rendered: torch.Tensor, observed: torch.Tensor, mask: torch.Tensor, *, scale_m: float = DEPTH_SCALE_M) -> torch.Tensor:

@@ -16,11 +16,11 @@ from ..types import IGNORE, Camera, Splats
 from .density import prune_and_split
 from .discs import Discs, discs_of, gaussians, leaning, to_splats
 from .ply import canonical
-from .seed import gather_blocks, surface_at
+from .seed import BLOCKS_DB, MOST, count_blocks, gather_blocks, surface_at
 from .view import picture_loss, without
 
 MARGIN_PX = 8  # of the rendered window around the object
-FIRST_SHARE = 0.75  # of max_count that the fit starts with; splitting adds the rest
+FIRST_SHARE = 0.75  # of the count that the fit starts with; splitting adds the rest
 SPLIT_AT = (0.25, 0.5)  # shares of the iterations after which discs are pruned and split
 RATES = {"pixel": 0.2, "log_scale": 0.06, "angle": 0.05, "logit": 0.1, "color": 0.005}  # Adam steps [px, -, rad, -, -]
 LEAN = 0.06  # slope of depth across the line of sight, in a direction that is new in every iteration
@@ -68,6 +68,8 @@ def fit_splats(
     if not mask.any():
         raise InputError("mask: frame 0 shows no object; give scene.first_mask")
     image, count = image0.astype(np.float32) / 255, settings.splats.max_count
+    if not count:
+        count = round(count_blocks(image, mask, BLOCKS_DB, int(FIRST_SHARE * MOST)) / FIRST_SHARE)
     target = _target(image, labels0, depth0, camera, settings, device)
     blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))
     discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device)

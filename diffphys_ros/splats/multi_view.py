@@ -14,6 +14,7 @@ from ..types import Camera, Splats
 from .ellipsoids import Ellipsoids, ellipsoids_of, product, rotated, to_splats
 from .growth import prune_and_grow
 from .ply import canonical
+from .seed import BLOCKS_DB, MOST, count_blocks
 from .view import View, check_views, picture_loss
 
 MARGIN_PX = 8  # of the rendered window around the object
@@ -21,6 +22,7 @@ GROW_AT = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # shares of the iterations after which
 ASKED = 16  # most views that say where the pictures are wrong
 RATES = {"offset": 0.1, "log_scale": 0.04, "rotation": 0.04, "logit": 0.1, "color": 0.02}  # Adam steps [size, -, -, -, -]
 LAST_RATE = 0.05  # of the steps at the end over those at the start
+SIDES = 2  # of an object, of which one view sees one
 TOGETHER = {"cpu": 1, "cuda": 4}  # most views in one step, where they share a camera
 
 Tensors = tuple[torch.Tensor, ...]
@@ -92,15 +94,22 @@ def fit_views(
     """Gaussians of all views; yields (iteration, iterations, loss) and returns canonical Splats, frame 0 where views move.
 
     start: Gaussians of frame 0, or from_points(points, colors) of a sparse cloud. iterations: steps, each of one view (of up to four
-    that share a camera on CUDA); None: splats.view_iterations. count: most Gaussians; None: splats.max_count, or as many as start has
-    where that is more. A view's motion is asked again whenever the number of Gaussians changes; between, each moves with its anchor.
+    that share a camera on CUDA); None: splats.view_iterations. count: most Gaussians; None: splats.max_count, where that is 0 what
+    BLOCKS_DB asks for in the view with most detail, from both sides; no less than start has. A view's motion is asked again whenever
+    the number of Gaussians changes; between, each moves with its anchor.
     Raises InputError where no view shows the object or a picture has another size than its camera.
     """
-    groups = _groups(check_views(views), device)
+    views = check_views(views)
     iterations = settings.splats.view_iterations if iterations is None else iterations
-    count = max(settings.splats.max_count, len(start.mean)) if count is None else count
-    fitted = yield from _optimise(ellipsoids_of(start, device), groups, settings, iterations, count)
+    count = max(settings.splats.max_count or _chosen(views), len(start.mean)) if count is None else count
+    fitted = yield from _optimise(ellipsoids_of(start, device), _groups(views, device), settings, iterations, count)
     return canonical(to_splats(fitted))
+
+
+def _chosen(views: Sequence[View]) -> int:
+    few = views[:: -(-len(views) // ASKED)]
+    blocks = max(count_blocks(v.image.astype(np.float32) / 255, v.mask, BLOCKS_DB, MOST) for v in few)
+    return min(SIDES * blocks, MOST)
 
 
 def _groups(views: Sequence[View], device: str) -> list[_Group]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from ..errors import InputError
 from ..types import Camera
 
 COARSEST_PX = 4  # side of the largest block where the count allows it; a power of two
+BLOCKS_DB = 32.0  # nearness of the first blocks' flat colours to the picture, where the count is chosen
+MOST = 100_000  # Gaussians of a chosen count, for memory and time
 FLAT = 1e-9  # blocks that deviate less are never split: the rest is rounding
 FILTER_PX = 5  # median of the depths, against their noise
 SLOPE_SIGMA_PX = 2.0  # smoothing of the slope, against quantised depths
@@ -42,17 +45,44 @@ def gather_blocks(image: np.ndarray, mask: np.ndarray, count: int) -> Blocks:
     A quadtree: a block is split where the squared deviation from its mean exceeds one bound for all, the lowest that
     keeps the count.
     """
-    rows, columns = np.nonzero(mask)
-    values, width = image[rows, columns], mask.shape[1]
-    sides = _sides(rows, columns, width, count)
-    owners = [_owner(rows, columns, side, width) for side in sides]
-    errors = [_deviation(owner, values, side) for owner, side in zip(owners, sides, strict=True)]
+    rows, columns, values, owners, errors = _tree(image, mask, count)
     sizes = [np.bincount(owner)[owner] for owner in owners]
-    level = _levels(errors, sizes, count)
+    level = next(_levels(errors, lambda level: _number(level, sizes) <= count))
     leaf = np.choose(level, owners) + level * (max(o.max() for o in owners) + 1)
     _, leaf, number = np.unique(leaf, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(leaf, v) for v in (columns, rows, *values.T)], -1) / number[:, None]
     return Blocks(mean[:, :2], np.sqrt(number), mean[:, 2:])
+
+
+def count_blocks(image: np.ndarray, mask: np.ndarray, psnr_db: float, most: int) -> int:
+    """The fewest blocks of at most COARSEST_PX, but no more than `most`, whose flat colours are as near as psnr_db to image (H, W, 3)
+    of 0..1 on mask (H, W)."""
+    _, _, values, owners, errors = _tree(image, mask, most)
+    numbers = [np.bincount(owner) for owner in owners]
+    sizes = [n[o] for n, o in zip(numbers, owners, strict=True)]
+    deviation = [(_color_deviation(o, values, n) / n)[o] for o, n in zip(owners, numbers, strict=True)]
+    allowed = 10 ** (-psnr_db / 10) * values.size
+
+    def wrong(level: np.ndarray) -> bool:
+        return float(np.choose(level, deviation).sum()) > allowed
+
+    coarse, fine = _levels(errors, wrong)
+    return min(_number(fine if wrong(coarse) else coarse, sizes), most)
+
+
+def _number(level: np.ndarray, sizes: list[np.ndarray]) -> int:
+    """Of blocks, from the level of each pixel and, per level, how many pixels its block there has."""
+    return round(float((1 / np.choose(level, sizes)).sum()))
+
+
+def _tree(image: np.ndarray, mask: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Row, column and colour of every masked pixel; per level, finest first, its block and that block's deviation. The coarsest
+    level has fewer blocks than `count`."""
+    rows, columns = np.nonzero(mask)
+    values, width = image[rows, columns], mask.shape[1]
+    sides = _sides(rows, columns, width, count)
+    owners = [_owner(rows, columns, side, width) for side in sides]
+    return rows, columns, values, owners, [_deviation(owner, values, side) for owner, side in zip(owners, sides, strict=True)]
 
 
 def _sides(rows: np.ndarray, columns: np.ndarray, width: int, count: int) -> list[int]:
@@ -70,23 +100,28 @@ def _owner(rows: np.ndarray, columns: np.ndarray, side: int, width: int) -> np.n
 def _deviation(owner: np.ndarray, values: np.ndarray, side: int) -> np.ndarray:
     """Per pixel: sum over its block of the squared deviation of colour and of the mask itself from their means."""
     number = np.bincount(owner)
-    color = sum(np.bincount(owner, v * v) - np.bincount(owner, v) ** 2 / number for v in values.T)
     edge = number * (1 - number / side**2)
-    return (color + edge)[owner]
+    return (_color_deviation(owner, values, number) + edge)[owner]
 
 
-def _levels(errors: list[np.ndarray], sizes: list[np.ndarray], count: int) -> np.ndarray:
-    """Per pixel the level of its block; level k has side 2^k."""
+def _color_deviation(owner: np.ndarray, values: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Per block: sum of the squared deviation of colour from its mean."""
+    return sum(np.bincount(owner, v * v) - np.bincount(owner, v) ** 2 / number for v in values.T)
+
+
+def _levels(errors: list[np.ndarray], fits: Callable[[np.ndarray], bool]) -> Iterator[np.ndarray]:
+    """Per pixel the level of its block, level k having side 2^k: under the lowest bound on the blocks' errors at which `fits` holds
+    (it then holds for all higher ones; where for none, under the highest, which splits nothing), then under the bound before it."""
     bounds = np.unique(np.concatenate([*(np.maximum(e, FLAT) for e in errors[1:]), [FLAT, np.inf]]))
-    low, high = 0, len(bounds) - 1  # the highest bound splits nothing: its count is allowed
+    low, high = 0, len(bounds) - 1
     while low < high:
         middle = (low + high) // 2
-        level = _split(errors, bounds[middle])
-        if round(float((1 / np.choose(level, sizes)).sum())) <= count:
+        if fits(_split(errors, bounds[middle])):
             high = middle
         else:
             low = middle + 1
-    return _split(errors, bounds[high])
+    yield _split(errors, bounds[high])
+    yield _split(errors, bounds[max(high - 1, 0)])
 
 
 def _split(errors: list[np.ndarray], bound: float) -> np.ndarray:

@@ -74,6 +74,21 @@ def test_never_more_gaussians_than_asked_for(fitted):
     assert 500 < len(fitted[1].mean) <= 700
 
 
+def test_a_chosen_count_follows_the_detail_of_the_picture(fitted):
+    """A picture with a finer pattern is drawn well too, with more Gaussians."""
+    few = config.build({"splats.iterations": 40})
+    y, x = np.mgrid[: made.HEIGHT, : made.WIDTH]
+    counts = []
+    for wavelength_px in (40, 10):
+        wave = np.sin(2 * np.pi * x / wavelength_px) * np.sin(2 * np.pi * y / wavelength_px)
+        image = np.repeat(np.where(made.mask(), 120 + 60 * wave, 120)[..., None], 3, -1).astype(np.uint8)
+        splats = finish(fit_splats(image, made.mask().astype(np.uint8), made.depth(), made.camera(), few))[1]
+        drawn = render(splats, made.camera(), torch.full((3,), 120 / 255))[0].astype(float)
+        assert losses.psnr_masked(drawn, image / 255, made.mask()) > 28
+        counts.append(len(splats.mean))
+    assert counts[1] > 1.5 * counts[0]
+
+
 def test_two_fits_are_equal_to_the_bit(fitted):
     again = fit_made()[1]
     assert all(np.array_equal(a, b) for a, b in zip(vars(again).values(), vars(fitted[1]).values(), strict=True))

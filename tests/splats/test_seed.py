@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.splats.seed import MAX_STRETCH, gather_blocks, surface_at
+from diffphys_ros.splats.seed import MAX_STRETCH, count_blocks, gather_blocks, surface_at
 
 from . import made
 
@@ -39,6 +39,32 @@ def test_detail_gets_smaller_blocks_than_flat_colour():
     left = blocks.centre[:, 0] < 32
     assert np.median(blocks.side[left]) == 4
     assert np.median(blocks.side[~left]) <= 2
+
+
+def flat_colour_psnr(image, mask, count):
+    """Of a picture in which every pixel has the colour of the nearest block."""
+    blocks = gather_blocks(image, mask, count)
+    rows, columns = np.nonzero(mask)
+    apart = (rows[:, None] - blocks.centre[:, 1]) ** 2 + (columns[:, None] - blocks.centre[:, 0]) ** 2
+    nearest = (apart / blocks.side**2).argmin(1)
+    return -10 * np.log10(((blocks.color[nearest] - image[rows, columns]) ** 2).mean())
+
+
+def test_as_many_blocks_are_counted_as_a_decibel_asks_for():
+    image, mask = np.random.default_rng(2).normal(0.5, 0.1, (40, 60, 3)), np.ones((40, 60), bool)
+    image[:, :28] = 0.5
+    counts = [count_blocks(image, mask, db, 10_000) for db in (15, 26, 30, 34, 80)]
+    assert counts[0] == 40 * 60 / 16
+    assert counts == sorted(set(counts))
+    assert counts[-1] == 40 * 28 / 16 + 40 * 32
+    assert abs(flat_colour_psnr(image, mask, counts[2]) - 30) < 1
+    assert count_blocks(image, mask, 80, 500) == 500
+
+
+def test_a_pattern_whose_blocks_are_all_alike_is_counted_down_to_its_pixels():
+    y, x = np.mgrid[:16, :16]
+    image = np.repeat(((x + y) % 2)[..., None] * 1.0, 3, -1)
+    assert count_blocks(image, np.ones((16, 16), bool), 30, 1000) == 256
 
 
 def surface(pixels, depth=None):
