@@ -1,5 +1,6 @@
-"""The force field (paper Eq. 2, 9, A.8): rest positions and frames in, force densities out.
+"""The force field (paper Eq. 2, 9, A.8): positions and frames in, force densities out.
 
+Positions are those at rest, so that a force moves with the body, or those at the start of the frame, so that it stays in space.
 All begin at zero: nothing is known of a force before the motion is looked at. Row t acts between frames t and t + 1.
 """
 
@@ -28,8 +29,8 @@ class ForceField(nn.Module):
         self.box, self.frames, self.unit = box, frames, unit
 
     def forward(self, x: Tensor, t: Tensor) -> Tensor:
-        """Force density (F, P, 3) [N/m^3 of rest volume], body frame, at rest positions x (P, 3) [m] in frames t (F,) of whole
-        numbers 0 .. T - 1."""
+        """Force density (F, P, 3) [N/m^3 of rest volume], body frame, at positions x (P, 3) [m] in frames t (F,) of whole
+        numbers 0 .. T - 1; differentiable in x as in the field's parameters."""
         raise NotImplementedError
 
 

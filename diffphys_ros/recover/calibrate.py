@@ -112,6 +112,8 @@ def motion_share(modal: ModalModel, young: np.ndarray, coordinates: np.ndarray, 
     """Share (k,) of each of the lowest modes in basis coordinates (T, r) over time, k <= most, sums to 1."""
     _, shapes = np.linalg.eigh(modal.elastic(young))
     energy = ((coordinates @ shapes) ** 2).mean(0)[:most]
+    if not energy.any():
+        return np.ones(1)  # start values that do not move: the lowest mode stands for all
     share = np.where(energy > 0.02 * energy.max(), energy, 0.0)
     kept = int(np.flatnonzero(share).max()) + 1
     return share[:kept] / share.sum()

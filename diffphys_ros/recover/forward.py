@@ -11,13 +11,14 @@ import torch
 from ..fields import Layout, Unknowns
 from ..footprints import footprint_weights
 from ..particles import DensePoints, downsample, fill, fit_grid
-from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
+from ..simulate import ModalDamping, Plane, Push, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
 from .calibrate import UNMEASURED, measure_apparent, motion_share
 from .linear import linear_coordinates
 from .plan import Plan
 from .prepare import Prepared
 
+FieldForce = Callable[[torch.Tensor, int], torch.Tensor]  # positions (P, 3) [m] at the start of a frame and its number -> (P, 3) [N/m^3]
 REACH = 1.6  # room in the grid, as a multiple of the largest displacement seen in the tracks
 DAMPED_MODES = 6  # that stiffness-proportional damping acts on
 
@@ -145,17 +146,23 @@ class ForwardModel:
         unknowns: Unknowns,
         young: torch.Tensor,
         field_poisson: torch.Tensor | None = None,
-        field_force: torch.Tensor | None = None,
+        field_force: torch.Tensor | FieldForce | None = None,
         *,
         report: Callable[[float], None] | None = None,
     ) -> Motion:
         """Motion with E [Pa] of every particle (P,), a Poisson's ratio (P,) in place of the particles' own, and a force density
-        [N/m^3] (T - 1, P, 3) on top of the family's. Raises SimulationError."""
+        [N/m^3] on top of the family's: (T - 1, P, 3), or a function of where the particles are. Raises SimulationError."""
         poisson = self.poisson if field_poisson is None else field_poisson
         start = self._start(unknowns, young, poisson, self.simulator)
-        states = self._path(self.simulator, unknowns, start, young, poisson, field_force, report)
+        acted: list[torch.Tensor] = []
+
+        def push(state: State, frame: int) -> torch.Tensor:
+            acted.append(field_force(state.x, frame) if callable(field_force) else field_force[frame])  # type: ignore[index]
+            return acted[-1]
+
+        states = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
         since0 = states.F @ torch.linalg.inv(start.F)[None]
-        return Motion(states.x, since0, unknowns, start, young, field_poisson, field_force)
+        return Motion(states.x, since0, unknowns, start, young, field_poisson, torch.stack(acted) if acted else None)
 
     def displacements(self, zs: np.ndarray) -> torch.Tensor:
         """From frame 0 [m], (B, T, P, 3), under unknowns zs (B, size) that differ in log E alone: one batch of simulations, without
@@ -176,7 +183,7 @@ class ForwardModel:
         start: State,
         young: torch.Tensor,
         poisson: torch.Tensor,
-        field_force: torch.Tensor | None = None,
+        push: Push | None = None,
         report: Callable[[float], None] | None = None,
     ) -> State:
         """States at all frames under the force and damping of the unknowns."""
@@ -185,8 +192,9 @@ class ForwardModel:
             start,
             young,
             poisson,
-            force if field_force is None else force + field_force,
+            force,
             unknowns.mass_damping,
+            push=push,
             after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
             report=report,
         )

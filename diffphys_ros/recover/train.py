@@ -21,6 +21,7 @@ from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, Mater
 from ..simulate.stability import wave_speed
 from .belief import on_points
 from .checkpoint import Checkpoint, Stored, Training
+from .forward import reach_of
 from .limited_memory import Descent, Space, descend
 from .minimise import Iterate
 from .objective import Prior, Terms
@@ -60,7 +61,8 @@ class FieldModel:
         generator = torch.Generator().manual_seed(fit.seed)
         place = forward.simulator.options
         self.material = MATERIAL_FIELDS[fit.material_field](self.base, self.bounds, generator=generator).to(**place)
-        box, unit = Box.around(self.base.points), self.problem.layout.force_unit
+        self.follows = fit.force_frame == "rest"
+        box, unit = Box.around(self.base.points if self.follows else _passed(self.problem)), self.problem.layout.force_unit
         self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), unit, generator=generator).to(**place)
         self.start = Material(*(value.detach() for value in self.base.at(self.x)))
         if fit.material_field == "triplane":
@@ -80,7 +82,8 @@ class FieldModel:
         """The loss of the fields as they are, infinite where the simulation leaves its bounds."""
         forward, layout = self.problem.forward, self.problem.layout
         z = self.whole.index_copy(0, self.free, self.motion)
-        material, force = self.material(self.x), self.force(self.x, self.frames) * self.allowed
+        material = self.material(self.x)
+        force = self.force(self.x, self.frames) * self.allowed if self.follows else self._force_at
         _carry(self.problem, material, self.z)
         unknowns = layout.unpack(z.to(forward.device, forward.dtype), modes=forward.basis.shape[2])
         try:
@@ -89,10 +92,15 @@ class FieldModel:
             self.problem.objective.failures.append(str(error))
             return Terms(z, None, torch.tensor(float("inf")))
         terms = self.problem.objective.terms(z, motion)
-        extra = self._prior(material, force / layout.force_unit).double().cpu()
+        assert motion.field_force is not None
+        extra = self._prior(material, motion.field_force / layout.force_unit).double().cpu()
         terms.parts["fields"] = float(extra.detach())
         terms.total = terms.total + extra
         return terms
+
+    def _force_at(self, x: torch.Tensor, frame: int) -> torch.Tensor:
+        """Where the particles are at the start of a frame (paper Eq. 9)."""
+        return self.force(x, self.frames[frame : frame + 1])[0] * self.allowed[frame]
 
     def _prior(self, material: Material, force: torch.Tensor) -> torch.Tensor:
         """What `Prior` asks of constants and vectors, of fields: near the search's answer, small and smooth."""
@@ -143,7 +151,8 @@ def _steps(model: FieldModel, fit: Fit, done: Training | None) -> Iterator[tuple
 
 def _trained(model: FieldModel, history: list[float]) -> Trained:
     with torch.no_grad():
-        return Trained(model(), _summary(model, history))
+        terms = model()
+        return Trained(terms, _summary(model, terms, history))
 
 
 def _base(problem: Problem, z: np.ndarray) -> Believed:
@@ -163,6 +172,12 @@ def _bounds(problem: Problem, base: Believed) -> Bounds:
     """SPAN about the moduli, no higher than fit.max_substeps carry."""
     young, carried = base.young, problem.forward.simulator.max_young(problem.settings.fit.max_substeps)
     return Bounds(float(young.min()) / SPAN, max(min(float(young.max()) * SPAN, carried), 1.001 * float(young.max())), log=True)
+
+
+def _passed(problem: Problem) -> np.ndarray:
+    """Points (K, 3) [m] that bound where the body was seen to go: at rest, and moved as far as any track to every side."""
+    x, reach = problem.disc.particles.x_rest, reach_of(problem.prepared)
+    return np.concatenate([x - reach, x + reach])
 
 
 def _allowed(problem: Problem) -> np.ndarray:
@@ -188,16 +203,18 @@ def _carry(problem: Problem, material: Material, z: np.ndarray) -> None:
     problem.forward.ensure_substeps(np.array([as_stiff[p.part == k + 1].max(initial=e) for k, e in enumerate(least)]))
 
 
-def _summary(model: FieldModel, history: list[float]) -> dict[str, Any]:
-    p, own = model.problem.disc.particles, model.problem.disc.particles.own
-    with torch.no_grad():
-        ratio = (model.material(model.x).young / model.start.young).log10().double().cpu().numpy()
-        force = (model.force(model.x, model.frames) * model.allowed).norm(dim=-1).double().cpu().numpy()
+def _summary(model: FieldModel, terms: Terms, history: list[float]) -> dict[str, Any]:
+    p, own, zones = model.problem.disc.particles, model.problem.disc.particles.own, model.problem.prepared.zones
+    part = (p.part if zones is None else zones.part[p.part - 1])[own]
+    ratio = (model.material(model.x).young / model.start.young).log10().double().cpu().numpy()
+    acted = None if terms.motion is None else terms.motion.field_force
+    force = np.full((1, len(own)), np.nan) if acted is None else acted[:, own].norm(dim=-1).double().cpu().numpy()
     return {
         "material_field": model.words["material"],
         "force_field": model.words["force"],
+        "force_frame": "rest" if model.follows else "current",
         "loss_history": history,
-        "log10_young_change_per_part": [float(ratio[own][p.part[own] == k + 1].mean()) for k in range(model.problem.layout.parts)],
+        "log10_young_change_per_part": [float(ratio[own][part == k].mean()) for k in np.unique(part)],
         "log10_young_change_spread": float(ratio[own].std()),
-        "field_force_rms_n_m3": float(np.sqrt((force[:, own] ** 2).mean())),
+        "field_force_rms_n_m3": float(np.sqrt((force**2).mean())),
     }

@@ -7,13 +7,14 @@ from .handle import substep_poses
 from .lattice_modes import lattice_modes
 from .stability import max_young, substeps_per_frame
 from .state import State
-from .transition import Simulator
+from .transition import Push, Simulator
 
 __all__ = [
     "ForceLattice",
     "Handle",
     "ModalDamping",
     "Plane",
+    "Push",
     "Simulator",
     "State",
     "lattice_modes",

@@ -24,6 +24,7 @@ from .state import State
 FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
+Push = Callable[[State, int], Tensor]
 
 
 class _Frame(torch.autograd.Function):
@@ -182,6 +183,7 @@ class Simulator:
         handle_poses: Tensor | None = None,
         after_frame: AfterFrame | None = None,
         cut_every: int | None = None,
+        push: Push | None = None,
         report: Callable[[float], None] | None = None,
     ) -> State:
         """States at all T frames, as one State of shape (T, P, 24), in a batch (T, B, P, 24); the first is `state`.
@@ -189,14 +191,16 @@ class Simulator:
         `force` has shape (T - 1, P, 3), in a batch also (T - 1, B, P, 3): force[k] acts between frames k and k + 1.
         `handle_poses` (T, 4, 4) or (B, T, 4, 4) are the handle's poses body_from_handle at the frames; `after_frame` maps
         the state at each new frame (stiffness damping); gradients do not pass frames cut_every, 2 cut_every, ..: they see
-        at most so many frames back; `report` hears the share of frames done. Else as in `frame`.
+        at most so many frames back; `push(state, k)` is a force on top of force[k], asked for once, with the state at frame k;
+        `report` hears the share of frames done. Else as in `frame`.
         """
         material, drag = self._material(young, poisson, density), self._drag(mass_damping)
         paths = self._paths(handle_poses, len(force))
         states = [state]
         for k, density_of_force in enumerate(force):
             before = states[-1].detach() if cut_every and k and k % cut_every == 0 else states[-1]
-            after = self._step(before, material, density_of_force, drag, self._borders(friction, paths[k]), k)
+            acting = density_of_force + push(before, k) if push else density_of_force
+            after = self._step(before, material, acting, drag, self._borders(friction, paths[k]), k)
             states.append(after_frame(after) if after_frame else after)
             if report:
                 report((k + 1) / len(force))

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from benchmarks.bars import Bar, Lattice, fitted, kinds_of
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.particles import bind
-from diffphys_ros.recover.calibrate import LEFT_OVER, Apparent, elastic_modes, measure_apparent, swing_ratios
+from diffphys_ros.recover.calibrate import LEFT_OVER, Apparent, elastic_modes, measure_apparent, motion_share, swing_ratios
 from diffphys_ros.simulate import Simulator, substeps_per_frame
 
 BAR = Bar(length=0.24)
@@ -92,3 +92,7 @@ def test_the_calibration_of_a_body_is_that_of_its_leading_modes(modal):
     each = [swing_ratios(*lattice, young, *elastic_modes(modal, young, lattice[0], np.array([k])))[0] for k in (0, 1)]
     assert found.ratio == pytest.approx(each, rel=3e-3)
     assert found.value == pytest.approx(each[0] ** 0.7 * each[1] ** 0.3, rel=3e-3)
+
+
+def test_start_values_that_do_not_move_count_as_the_lowest_mode(modal):
+    np.testing.assert_array_equal(motion_share(modal, np.array([BAR.young]), np.zeros((6, modal.modes))), [1.0])

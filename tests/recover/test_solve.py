@@ -149,3 +149,9 @@ def test_the_share_of_a_mode_is_its_part_of_the_motion(prepared):
     _, shapes = np.linalg.eigh(prepared.modal.elastic(YOUNG))
     swing = np.outer(np.sin(np.arange(20.0)), shapes[:, 0]) + 0.5 * np.outer(np.sin(np.arange(20.0)), shapes[:, 1])
     np.testing.assert_allclose(motion_share(prepared.modal, YOUNG, swing), [0.8, 0.2], atol=1e-9)
+
+
+def test_a_start_without_force_is_posed_and_the_search_finds_the_gust(prepared, quick_settings):
+    still = dataclasses.replace(prepared, start=dataclasses.replace(prepared.start, force=np.zeros_like(prepared.start.force)))
+    _, recovery = drive(solve(still, None, build(flat(quick_settings) | {"fit.iterations": 4})))
+    assert recovery.metrics["track_rms_refined_m"] < 0.3 * recovery.metrics["track_rms_start_m"]

@@ -91,16 +91,17 @@ def test_a_material_field_finds_the_stiffer_root_that_one_constant_cannot_hold(o
 
 
 @pytest.mark.parametrize("word", FORCE_FIELDS)
-@pytest.mark.parametrize("material", ["part", "residual"])
-def test_untrained_fields_cost_what_the_search_ended_with(prepared, word: str, material: str) -> None:
-    problem = pose_problem(prepared, None, settings(force_field=word, material_field=material))
+@pytest.mark.parametrize(("material", "where"), [("part", "rest"), ("residual", "rest"), ("residual", "current")])
+def test_untrained_fields_cost_what_the_search_ended_with(prepared, word: str, material: str, where: str) -> None:
+    problem = pose_problem(prepared, None, settings(force_field=word, material_field=material, force_frame=where))
     with torch.no_grad():
         model = FieldModel(problem, problem.layout.start)()
     assert model.value == pytest.approx(problem.objective(problem.layout.start).value, rel=1e-5)
 
 
-def test_gradients_of_both_fields_through_the_simulation_match_central_differences(prepared) -> None:
-    words = settings(force_field="voxels", material_field="residual")
+@pytest.mark.parametrize("where", ["rest", "current"])
+def test_gradients_of_both_fields_through_the_simulation_match_central_differences(prepared, where: str) -> None:
+    words = settings(force_field="voxels", material_field="residual", force_frame=where)
     problem = pose_problem(prepared, None, words, dtype=torch.float64)
     model = FieldModel(problem, problem.layout.start + 0.02)
     noise = torch.Generator().manual_seed(0)
@@ -118,6 +119,50 @@ def test_gradients_of_both_fields_through_the_simulation_match_central_differenc
         with torch.no_grad():
             parameter.view(-1)[-1] += 1e-4
         assert float(gradient.view(-1)[-1]) == pytest.approx((values[0] - values[1]) / 2e-4, rel=2e-3, abs=1e-9)
+
+
+def roughened(problem: Problem) -> FieldModel:
+    """Voxels that differ strongly from place to place and push hard."""
+    model = FieldModel(problem, problem.layout.start)
+    noise = torch.Generator().manual_seed(3)
+    with torch.no_grad():
+        for parameter in model.force.parameters():
+            parameter += 0.4 * torch.randn(parameter.shape, generator=noise, dtype=torch.float64)
+    return model
+
+
+def test_a_force_that_stays_in_space_is_that_of_where_each_particle_is_when_the_frame_starts(prepared) -> None:
+    problem = pose_problem(prepared, None, settings(force_field="voxels", force_frame="current"), dtype=torch.float64)
+    model = roughened(problem)
+    with torch.no_grad():
+        motion = model().motion
+        for k in (0, 3, 4):
+            expected = model.force(motion.x[k], torch.tensor([k]))[0] * float(prepared.start.forced[k])
+            torch.testing.assert_close(motion.field_force[k], expected, rtol=0, atol=0)
+        at_rest = model.force(motion.x[0], torch.tensor([4]))[0]
+    assert float((motion.field_force[4] - at_rest).norm() / at_rest.norm()) > 0.02
+
+
+def test_the_gradient_of_a_force_that_stays_in_space_passes_through_where_the_body_is(prepared) -> None:
+    """Stiffness moves the body, and so decides which voxels push it."""
+    problem = pose_problem(prepared, None, settings(force_field="voxels", material_field="residual", force_frame="current"), dtype=torch.float64)
+    model = roughened(problem)
+    bias = model.material.young.layers[-1].bias
+    (gradient,) = torch.autograd.grad(model().total, bias)
+    assert float(gradient) == pytest.approx(central_difference(model, bias), rel=1e-5)
+    places = model().motion.x.detach()
+    model._force_at = lambda x, k: model.force(places[k], model.frames[k : k + 1])[0] * model.allowed[k]  # does not know that it moves
+    assert abs(float(gradient) - central_difference(model, bias)) > 1e-3 * abs(float(gradient))
+
+
+def central_difference(model: FieldModel, bias: torch.Tensor, step: float = 2e-4) -> float:
+    values = []
+    with torch.no_grad():
+        for move in (step, -2 * step):
+            bias += move
+            values.append(model().value)
+        bias += step
+    return (values[0] - values[1]) / (2 * step)
 
 
 def test_the_loss_never_rises_and_the_fields_are_those_of_the_last_step(one_part) -> None:
