@@ -143,8 +143,9 @@ class Modes:
 class SplatSettings:
     """3D Gaussians."""
 
-    max_count: int = setting(4000, "most Gaussians", low=10, high=1_000_000)
-    iterations: int = setting(120, "steps of the fit to frame 0", low=1, high=100_000)
+    max_count: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
+    iterations: int = setting(100, "steps of the fit to frame 0", low=1, high=100_000)
+    view_iterations: int = setting(2000, "steps of a fit to many views of a still scene", low=1, high=100_000)
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,6 @@ class Fit:
     force_frame: str = setting("rest", "where such a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space (paper Eq. 9)", choices=("rest", "current"))
     field_iterations: int = setting(40, "iterations of L-BFGS for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
     force_smoothness: float = setting(1e-3, "weight of the roughness of such a force field (paper A.14)", low=0.0, high=1e3)
-    view_iterations: int = setting(2000, "steps of a fit to many views of a still scene", low=1, high=100_000)
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)
     image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)
