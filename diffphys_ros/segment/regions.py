@@ -14,9 +14,13 @@ def touching(mask: np.ndarray, seed: np.ndarray) -> np.ndarray:
     return labels == np.argmax(shared) if shared[1:].any() else np.zeros(mask.shape, bool)
 
 
-def filled(mask: np.ndarray) -> np.ndarray:
-    """A mask without holes, bool (H, W)."""
-    return binary_fill_holes(mask)
+def filled(mask: np.ndarray, *, but: np.ndarray | None = None) -> np.ndarray:
+    """A mask without holes, bool (H, W), but for those in which pixels of `but` (H, W) lie."""
+    whole = binary_fill_holes(mask)
+    if but is None:
+        return whole
+    _, holes = cv2.connectedComponents((whole & ~mask).astype(np.uint8))
+    return whole & ~np.isin(holes, np.setdiff1d(holes[but & ~mask], 0))
 
 
 def disc(radius: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_matrix
@@ -9,11 +10,12 @@ from scipy.sparse.csgraph import connected_components
 
 from ..config import Settings
 from ..types import Clip
-from .regions import pixel_grid
+from .regions import disc, pixel_grid
 
 STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends
 LEAST_SHARE = 0.5  # of the moving pixels that the surface must hold; less, and depth says nothing about the object
 OTHER_SHARE = 0.1  # of the largest surface's moving pixels that another surface of the object must hold
+RIM_PX = 2  # along an edge, within which a depth may be the neighbouring surface's
 OTHER_MOVING = 0.3  # of its own pixels that must move: of a wall behind, the core's rim is a sliver
 
 
@@ -52,12 +54,27 @@ def _joined(depth: np.ndarray, core: np.ndarray) -> np.ndarray:
 
 
 def _before_clamp(clip: Clip, depth: np.ndarray, core: np.ndarray, settings: Settings) -> np.ndarray:
-    """Pixels whose surface lies on the moving side of the clamped face, bool (H, W); all where no clamp or no pose is known."""
+    """Pixels whose surface lies on the moving side of the clamped face and, near its plane, not beside it, where the mount's own front may
+    be flush: bool (H, W); all where no clamp or no pose is known."""
     box = settings.scene.clamp_box_m
     if box is None or not clip.camera.pose_known:
         return np.ones(depth.shape, bool)
     low, high = np.reshape(box, (2, 3))
     axis = int(np.argmin(high - low))  # across the face the box is thinnest
-    beyond = clip.camera.backproject(pixel_grid(depth.shape).astype(float), depth.astype(float))[..., axis] - (low + high)[axis] / 2
-    side = np.sign(np.median(beyond[core]))
-    return beyond * side > -(high - low)[axis] / 2
+    slack = (high - low)[axis] / 2
+    points = clip.camera.backproject(pixel_grid(depth.shape).astype(float), depth.astype(float))
+    beyond = points[..., axis] - (low + high)[axis] / 2
+    beyond *= np.sign(np.median(beyond[core]))
+    beside = np.delete((points < low - slack) | (points > high + slack), axis, -1).any(-1) & (beyond < slack)
+    solid = cv2.morphologyEx(beside.astype(np.uint8), cv2.MORPH_OPEN, disc(RIM_PX)) > 0
+    return (beyond > -slack) & ~solid
+
+
+def ends_inside(clip: Clip, within: np.ndarray, settings: Settings) -> np.ndarray:
+    """Measured pixels of a reachable surface `within` (H, W) that ends inside the picture all around, by steps in depth and by its clamp:
+    bool (H, W); none without a clamp, and none of a floor or wall that goes on beyond the picture."""
+    rim = np.ones(within.shape, bool)
+    rim[1:-1, 1:-1] = False
+    if clip.depth is None or settings.scene.clamp_box_m is None or (within & rim).any():
+        return np.zeros(within.shape, bool)
+    return within & (clip.depth[0] > 0)

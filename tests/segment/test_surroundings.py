@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diffphys_ros.segment.surroundings import reachable
+from diffphys_ros.segment.surroundings import ends_inside, reachable
 from diffphys_ros.types import Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera
 
@@ -56,3 +56,21 @@ def test_holes_of_the_depth_image_do_not_cut_the_surface(clip: Clip) -> None:
     holed = clip.depth.copy()
     holed[0, :, 100:106] = 0
     assert reachable(replace(clip, depth=holed), tip(clip, rim=0), bar_settings())[clip.labels[0] > 0].mean() > 0.99
+
+
+def test_a_mount_whose_front_is_flush_with_the_clamped_face_stays_behind() -> None:
+    wide = Box(np.array([-0.04, -0.06, -0.07]), np.array([0.0, 0.06, 0.07]))
+    clip = box_clip(bar(), [np.eye(4)], oblique_camera(), mount=wide)
+    mount = (clip.depth[0] < 0.7) & (clip.labels[0] == 0)
+    noise = np.random.default_rng(0).normal(0, 1e-3, clip.depth.shape).astype(np.float32)
+    found = reachable(replace(clip, depth=clip.depth + noise), tip(clip, rim=0), bar_settings())
+    assert found[mount].mean() < 0.1
+    assert found[clip.labels[0] > 0].mean() > 0.97
+
+
+def test_a_surface_ends_inside_the_picture_where_steps_and_clamp_bound_it(clip: Clip) -> None:
+    within = reachable(clip, tip(clip, rim=0), bar_settings())
+    assert ends_inside(clip, within, bar_settings())[clip.labels[0] > 0].mean() > 0.99
+    assert not ends_inside(clip, np.ones_like(within), bar_settings()).any()  # it goes on beyond the picture
+    assert not ends_inside(clip, within, bar_settings(scene__clamp_box_m=None)).any()
+    assert not ends_inside(replace(clip, depth=None), within, bar_settings()).any()
