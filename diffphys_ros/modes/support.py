@@ -20,6 +20,9 @@ FAINT_SIGMA = 2.0  # misfit down to which a run of forced frames is followed to 
 BRIDGE = 4  # free frames between forced ones that are taken as a zero crossing of the force
 HIGHEST = 0.9  # of the Nyquist frequency: faster oscillations of the recursion are noise
 GLITCH_ROWS = 3  # equations that one wrong frame spoils
+VAGUEST = 0.15  # standard deviation of log10 E, twice that of the log frequency, from which a tail tells no stiffness
+LARGEST_GROWTH, SURELY = 0.25, 3.0  # of the log amplitude over a free tail; and standard deviations of it
+TINY = 1e-30  # keeps the root of a singular covariance real
 WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail
 
 
@@ -80,6 +83,7 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     frequencies, decays = _oscillation(matrix, coordinates[tail:], period_s)
     sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
     free = _is_free(coordinates[tail:], frequencies, sigma_one, period_s) and (forced.any() or not at_rest)  # something set it moving
+    free = free and _tells(_leading(matrix, coordinates[tail:]), rows.leading_sd(keep, matrix, coordinates[tail:], floor), len(coordinates) - tail)
     return Support(forced, bool(free), frequencies, decays, sigma_one)
 
 
@@ -101,6 +105,20 @@ class _Rows:
         ridge = 1e-5 * np.abs(self.source).max() * np.eye(self.source.shape[1])
         zero = np.zeros((len(ridge), self.target.shape[1]))
         return np.linalg.lstsq(np.vstack([self.source[keep], ridge]), np.vstack([self.target[keep], zero]), rcond=None)[0]
+
+    def leading_sd(self, keep: np.ndarray, matrix: np.ndarray, tail: np.ndarray, floor: float) -> np.ndarray:
+        """Standard deviations (2,) of `_leading(matrix, tail)` for a matrix fitted to the equations `keep`, by their residual per degree of
+        freedom, `floor` [m] at the least; infinite where the equations are no more than the unknowns or a matrix as likely does not swing."""
+        unknowns = len(matrix)
+        spare = int(keep.sum()) - unknowns
+        if spare < 1:
+            return np.full(2, np.inf)
+        source, rest = self.source[keep], (self.target - self.source @ matrix)[keep]
+        noise = np.sqrt(np.maximum((rest**2).sum(0) / spare, floor**2))
+        spread = np.linalg.cholesky(np.linalg.pinv(source.T @ source, hermitian=True) + TINY * np.eye(unknowns))
+        steps = [np.outer(direction, column) for direction in spread.T for column in np.diag(noise)]
+        moved = np.array([[_leading(matrix + side * step, tail) for side in (-1, 1)] for step in steps])
+        return np.sqrt(np.square(moved - _leading(matrix, tail)).mean(1).sum(0))
 
     def misfit(self, matrix: np.ndarray) -> np.ndarray:
         """Norm of the residual of every equation [m], (T-2,)."""
@@ -175,6 +193,18 @@ def _oscillation(matrix: np.ndarray, tail: np.ndarray, period_s: float) -> tuple
     share = [np.abs(np.linalg.pinv(vectors)[k] @ state.T).mean() * np.linalg.norm(vectors[:n, k]) for k in swing]
     order = swing[np.argsort(share)[::-1]]
     return rate[order].imag / (2 * np.pi), -rate[order].real
+
+
+def _leading(matrix: np.ndarray, tail: np.ndarray) -> np.ndarray:
+    """Log frequency and decay per frame of a recursion's leading oscillation, (2,); infinite where nothing swings."""
+    frequencies, decays = _oscillation(matrix, tail, 1.0)
+    return np.array([np.log(frequencies[0]), decays[0]]) if len(frequencies) else np.full(2, np.inf)
+
+
+def _tells(leading: np.ndarray, sd: np.ndarray, frames: int) -> bool:
+    """Whether an oscillation (see _leading) with standard deviations `sd` is known well enough, and does not grow: what grows is pushed."""
+    growth, growth_sd = -leading[1] * frames, sd[1] * frames
+    return bool(2 / np.log(10) * sd[0] < VAGUEST and growth < max(LARGEST_GROWTH, SURELY * growth_sd))
 
 
 def _is_free(tail: np.ndarray, frequencies: np.ndarray, sigma: float, period_s: float) -> bool:

@@ -75,3 +75,29 @@ def test_a_clip_too_short_for_a_recursion_has_no_free_tail():
     support = find_support(swings(pulse(1, 4))[:9], KNOWN[:9], PERIOD_S, at_rest=True, noise_m=6e-5)
     assert not support.has_free_tail
     assert support.forced.all()
+
+
+def test_nine_frames_of_a_body_that_is_being_pushed_are_no_free_tail():
+    q = swings(pulse(0, 20), noise=0.0)[:9, :1]
+    noisy = q + 3e-5 * np.random.default_rng(0).standard_normal(q.shape)
+    support = find_support(noisy - noisy[0], KNOWN[:9], PERIOD_S, at_rest=False, noise_m=6e-5)
+    assert len(support.frequencies_hz)  # the recursion swings, but grows
+    assert support.decay_per_s[0] < 0
+    assert not support.has_free_tail
+
+
+def test_frames_that_do_not_tell_a_frequency_are_no_free_tail_and_more_of_them_are():
+    """One oscillator under noise: the frequency read from few frames is worth no modulus."""
+    time = np.arange(FRAMES) * PERIOD_S
+    truth = 5e-3 * np.exp(-0.1 * time) * np.cos(2 * np.pi * 3.5 * time + 1.0)
+    free, error = {}, {}
+    for count, noise in ((9, 1.5e-3), (9, 2e-5), (FRAMES, 2e-5)):
+        found = []
+        for seed in range(8):
+            q = (truth + noise * np.random.default_rng(seed).standard_normal(FRAMES))[:count, None]
+            found.append(find_support(q - q[0], KNOWN[:count], PERIOD_S, at_rest=False, noise_m=2 * noise))
+        free[count, noise] = np.mean([s.has_free_tail for s in found])
+        error[count, noise] = np.median([abs(s.frequencies_hz[0] / 3.5 - 1) if len(s.frequencies_hz) else 1.0 for s in found])
+    assert free == {(9, 1.5e-3): 0, (9, 2e-5): 1, (FRAMES, 2e-5): 1}
+    assert error[9, 1.5e-3] > 0.05
+    assert max(error[9, 2e-5], error[FRAMES, 2e-5]) < 0.01
