@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 SMALLEST_SPREAD = 1e-3  # of the neighbours, relative to their largest, below which a direction is not resolved
-LARGEST_WEIGHT = 4.0  # beyond it a point lies too far outside its neighbours for a linear fit
+LARGEST_MISS = 0.5  # of its neighbours' width, that a point may lie off the plane that they span
+LARGEST_WEIGHT = 1.5  # beyond it a point lies too far outside its neighbours for a linear fit: they are then taken from further around
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,38 @@ class Binding:
 def bind(points: np.ndarray, x_rest: np.ndarray, k: int = 14) -> Binding:
     """Moving-least-squares weights of the k nearest particles x_rest (P, 3) [m] at points (M, 3) [m].
 
-    Constant and linear fields are reproduced exactly where the neighbours span space; in a direction that they do not span, or far
-    outside them, the field is taken as constant (Lancaster and Salkauskas 1981).
+    Constant and linear fields are reproduced exactly where the neighbours span space (Lancaster and Salkauskas 1981); in a direction that
+    they do not span the field is taken as constant. A point far outside is bound to k of the 2 k, 4 k, ... nearest particles, so that it
+    goes with a piece of the body about as wide as it is away; where the whole body is not, as a point nearer to it.
     """
-    k = min(k, len(x_rest))
-    distance, index = cKDTree(x_rest).query(points, k=k)
-    distance, index = distance.reshape(len(points), k), index.reshape(len(points), k)
+    k, among, tree = min(k, len(x_rest)), 2 * min(k, len(x_rest)), cKDTree(x_rest)
+    found = _bound(points, x_rest, tree, k, k)
+    far = np.flatnonzero(_far(found, points, x_rest))
+    while len(far) and among < 2 * len(x_rest):
+        wider = _bound(points[far], x_rest, tree, k, min(among, len(x_rest)))
+        for kept, new in zip((found.index, found.weight, found.gradient), (wider.index, wider.weight, wider.gradient), strict=True):
+            kept[far] = new
+        far, among = far[_far(wider, points[far], x_rest)], 2 * among
+    even, large = 1 / k, np.abs(found.weight[far] - 1 / k).max(1, initial=1.0)
+    found.weight[far] = even + (found.weight[far] - even) * (LARGEST_WEIGHT / np.maximum(large, LARGEST_WEIGHT))[:, None]
+    return found
+
+
+def _far(binding: Binding, points: np.ndarray, x_rest: np.ndarray) -> np.ndarray:
+    """Points (M, 3) that lie too far from their particles for a linear fit, or off the plane that these span, bool (M,)."""
+    near = x_rest[binding.index]
+    miss = np.linalg.norm(binding.apply(x_rest) - points, axis=1)
+    width = np.linalg.norm(near - near.mean(1, keepdims=True), axis=2).max(1)
+    return (np.abs(binding.weight).max(1) > LARGEST_WEIGHT) | (miss > LARGEST_MISS * width)
+
+
+def _bound(points: np.ndarray, x_rest: np.ndarray, tree: cKDTree, k: int, among: int) -> Binding:
+    """Points (M, 3) bound to k particles, evenly chosen by distance among the `among` nearest."""
+    ranks = np.linspace(1, among, k).round().astype(int)
+    distance, index = tree.query(points, k=ranks)
     scale = np.maximum(1.05 * distance.max(1), 1e-12)[:, None]
     kernel = np.maximum((1 - (distance / scale) ** 2) ** 2, 1e-6)
-    local = (x_rest[index] - points[:, None]) / scale[..., None]
-    weight, gradient = _affine_weights(local, kernel)
-    far = np.abs(weight).max(1) > LARGEST_WEIGHT
-    weight[far] = (kernel / kernel.sum(1, keepdims=True))[far]
+    weight, gradient = _affine_weights((x_rest[index] - points[:, None]) / scale[..., None], kernel)
     return Binding(index, weight, gradient / scale[..., None])
 
 

@@ -29,7 +29,7 @@ def deform_splats(
     """
     mean = mean0 + binding.apply(x - x0)
     if F is None:
-        local = _position_gradient(binding, x)
+        local = _position_gradient(binding, x, x0)
     else:
         local = binding.apply(F.reshape(*F.shape[:-2], 9)).reshape(*x.shape[:-2], len(mean0), 3, 3)
     return mean, _product(_quaternion(polar_rotation(local)), rotation0.expand(*mean.shape[:-1], 4))
@@ -44,10 +44,23 @@ def polar_rotation(matrix: torch.Tensor) -> torch.Tensor:
     return rotation
 
 
-def _position_gradient(binding: Binding, x: torch.Tensor) -> torch.Tensor:
+def _position_gradient(binding: Binding, x: torch.Tensor, x0: torch.Tensor) -> torch.Tensor:
+    """Deformation gradients (T, G, 3, 3). Where a Gaussian's particles do not span space, a sheet's normal stays its normal; a thread
+    and a single particle tell no more than they can."""
     index = torch.as_tensor(binding.index, device=x.device)
     gradient = torch.as_tensor(binding.gradient, dtype=x.dtype, device=x.device)
-    return torch.einsum("...mki,mkj->...mij", x[..., index, :], gradient)
+    found = torch.einsum("...mki,mkj->...mij", x[..., index, :], gradient)
+    spanned = torch.einsum("mki,mkj->mij", x0[index], gradient)
+    unit = torch.eye(3, dtype=x.dtype, device=x.device)
+    rank = spanned.diagonal(dim1=-2, dim2=-1).sum(-1)[:, None, None]
+    normal = torch.where(rank > 1.5, _cofactors(found), unit)
+    return found + normal @ (unit - spanned)
+
+
+def _cofactors(matrix: torch.Tensor) -> torch.Tensor:
+    """Of matrices (..., 3, 3): how areas turn."""
+    a, b, c = matrix.unbind(-2)
+    return torch.stack([torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)], -2)
 
 
 def _quaternion(rotation: torch.Tensor) -> torch.Tensor:

@@ -100,3 +100,45 @@ def test_the_polar_rotation_has_the_gradient_of_central_differences() -> None:
     assert torch.autograd.gradcheck(polar_rotation, (matrix[None],))
     rotation = polar_rotation(matrix.detach())
     assert torch.allclose(rotation @ rotation.T, torch.eye(3, dtype=torch.float64), atol=1e-10)
+
+
+@pytest.mark.parametrize("with_gradient", [True, False])
+def test_gaussians_turn_by_the_rotation_of_a_turn_with_stretch(lattice: np.ndarray, points: np.ndarray, with_gradient: bool) -> None:
+    turn = quaternion(np.array([0.3, -1.0, 0.8]), 1.1)
+    stretch = np.diag([1.5, 0.7, 0.9]) + 0.2 * np.array([[0, 1, 0.5], [1, 0, 0.3], [0.5, 0.3, 0]])
+    matrix = rotation_of(turn) @ stretch  # the polar decomposition of this product
+    x0 = torch.tensor(lattice)
+    F = torch.tensor(matrix).expand(1, len(x0), 3, 3) if with_gradient else None
+    still = torch.tensor([[1.0, 0, 0, 0]], dtype=torch.float64).expand(len(points), 4)
+    mean, rotation = deform_splats(bind(points, lattice), torch.tensor(points), still, (x0 @ torch.tensor(matrix).T)[None], x0, F)
+    assert np.allclose(mean[0], points @ matrix.T, atol=1e-9)
+    assert all(np.allclose(rotation_of(q), rotation_of(turn), atol=1e-9) for q in rotation[0].numpy())
+
+
+@pytest.mark.parametrize("away", [0.01, 0.03, 0.1, 0.5])
+def test_a_gaussian_far_from_the_body_goes_with_its_turn(lattice: np.ndarray, away: float) -> None:
+    stray = np.array([[0.05, 0.02, 0.03 + away], [-away, 0.02, 0.0]])
+    turn = rotation_of(quaternion(np.array([1.0, 0.5, 0.2]), 0.6)) - np.eye(3)
+    binding = bind(stray, lattice)
+    assert np.allclose(binding.weight.sum(1), 1)
+    assert np.abs(binding.weight).max() < 1.6
+    error = np.linalg.norm(binding.apply(lattice @ turn.T) - stray @ turn.T, axis=1)
+    alone = np.linalg.norm((lattice.mean(0) - stray) @ turn.T, axis=1)  # were it to go with the body's middle
+    assert (error < (1e-9 if away < 0.1 else 0.9 * alone)).all()
+
+
+def test_a_gaussian_off_a_sheet_that_others_continue_goes_with_them() -> None:
+    sheet = np.stack(np.meshgrid(*(np.arange(n) * 0.01 for n in (9, 9, 1)), indexing="ij"), -1).reshape(-1, 3)
+    body = np.concatenate([sheet, sheet - [0, 0, 0.03]])
+    matrix = rotation_of(quaternion(np.array([1.0, 0.0, 0.0]), 0.6))
+    stray = np.array([[0.04, 0.04, 0.03]])
+    assert np.allclose(bind(stray, body).apply(body @ matrix.T), stray @ matrix.T, atol=1e-9)
+
+
+@pytest.mark.parametrize("span", [2, 0])
+def test_gaussians_on_sheets_and_single_particles_turn_as_far_as_these_tell(lattice: np.ndarray, span: int) -> None:
+    thin = lattice[(lattice[:, span:] == lattice[0, span:]).all(1)]
+    matrix = rotation_of(quaternion(np.array([1.0, 2.0, 0.5]), 0.9))
+    x0, start = torch.tensor(thin), torch.tensor([[1.0, 0, 0, 0]], dtype=torch.float64)
+    _, rotation = deform_splats(bind(thin[:1], thin), torch.tensor(thin[:1]), start, (x0 @ torch.tensor(matrix).T)[None], x0, None)
+    assert np.allclose(rotation_of(rotation[0, 0].numpy()), matrix if span else np.eye(3), atol=1e-8)
