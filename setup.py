@@ -50,6 +50,8 @@ setup(
         "ros": ["ros-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"],
         # segment.model and depth.model: SAM, SAM 2 and MiDaS-class networks
         "models": ["transformers>=5.0", "safetensors>=0.5", "pillow>=10"],
+        # diffphys capture: structure from motion
+        "capture": ["pycolmap>=4.0"],
         "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
     },
     entry_points={

@@ -34,10 +34,15 @@ def read_clip(path: str | Path, settings: Settings) -> Clip:
         raise InputError(f"{path}: there is no such file or folder; give the path of a bag, a video or a folder of images")
     if path.suffix == ".bag":
         raise InputError(f"{path}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
-    if path.suffix in BAG_SUFFIXES or (path / "metadata.yaml").exists():
+    if is_bag(path):
         with open_bag(path) as bag:
             return _read_bag(bag, settings, str(path))
     return read_images(path, settings) if path.is_dir() else read_video(path, settings)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a recording, which carries a camera_info, rather than bare pictures."""
+    return path.suffix in BAG_SUFFIXES or (path / "metadata.yaml").exists()
 
 
 def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:

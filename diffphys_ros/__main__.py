@@ -1,4 +1,4 @@
-"""Command line: `diffphys recover | ingest | score | settings`."""
+"""Command line: `diffphys recover | ingest | capture | score | settings`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +42,15 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     ):
         command = commands.add_parser(name, help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
         command.add_argument("clip", help="MCAP file, rosbag2 folder, video file, image folder, or a prepared .npz")
-        command.add_argument("--out", required=True, type=Path, help=out)
-        command.add_argument("--config", action="append", default=[], type=Path, help="YAML of settings; may be repeated, later files win")
-        command.set_defaults(run=run)
+        _common(command, run, out)
         if name == "recover":
             command.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+
+    text = "pictures of the still object from all around in; cameras, sparse points, Gaussians and frame 0's depth out"
+    capture = commands.add_parser("capture", help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
+    capture.add_argument("images", type=Path, help="folder of images, video file, MCAP file or rosbag2 folder")
+    capture.add_argument("--clip", type=Path, help="the clip whose object this is: its frame 0 gives world frame and metric scale")
+    _common(capture, _capture, "folder of the capture, for depth.capture")
 
     score = commands.add_parser("score", help="compare results with a known truth")
     score.add_argument("folder", type=Path, help="folder that recover wrote")
@@ -59,6 +63,12 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         raise InputError(f"command line: {rest[0]!r} is unknown here; see `diffphys {options.command} --help`")
     options.flags = _flags(rest)
     return options
+
+
+def _common(command: argparse.ArgumentParser, run: Callable[[argparse.Namespace], int], out: str) -> None:
+    command.add_argument("--out", required=True, type=Path, help=out)
+    command.add_argument("--config", action="append", default=[], type=Path, help="YAML of settings; may be repeated, later files win")
+    command.set_defaults(run=run)
 
 
 def _flags(words: list[str]) -> dict[str, Any]:
@@ -115,6 +125,16 @@ def _ingest(options: argparse.Namespace) -> int:
     prepared = show(prepare(read_clip(_existing(options.clip), settings), settings))
     result.save_prepared(options.out, prepared, settings)
     print(f"prepared clip in {options.out}")
+    return 0
+
+
+def _capture(options: argparse.Namespace) -> int:
+    settings = config.layered(options.config, options.flags)
+    from .capture import reconstruct
+
+    clip = None if options.clip is None else _existing(options.clip)
+    show(reconstruct(_existing(options.images), options.out, settings, clip))
+    print(f"capture in {options.out}")
     return 0
 
 

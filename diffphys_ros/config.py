@@ -91,10 +91,24 @@ class DepthSettings:
 
     source: str = setting(
         "auto",
-        "auto: topic where the clip has depth, else network where depth.model is set, else inflate",
-        choices=("auto", "topic", "network", "inflate", "plane"),
+        "auto: topic where the clip has depth, else capture where depth.capture is set, else network where depth.model is set, else inflate",
+        choices=("auto", "topic", "capture", "network", "inflate", "plane"),
     )
+    capture: str | None = setting(None, "folder that `diffphys capture` wrote with this clip: depth, camera and, where not given, thickness come from it", path=True)
     model: str | None = setting(None, "depth-estimation checkpoint of transformers (MiDaS/DPT, Depth Anything, ZoeDepth): a folder or a hub id")
+
+
+@dataclass(frozen=True)
+class CaptureSettings:
+    """Pictures of the still object from all around."""
+
+    every: int = setting(0, "frames of a video or recording from one picture to the next; 0: chosen to take about 60", low=0, high=10_000)
+    max_side_px: int = setting(1600, "longer side to which larger pictures are brought", unit="px", low=160, high=10_000)
+    lens: str = setting("opencv", "model of the pictures' camera where no camera_info says it; opencv: with radial and tangential distortion", choices=("opencv", "pinhole"))
+    same_camera: bool = setting(False, "the pictures were taken with the clip's camera, at its size")
+    matching: str = setting("auto", "pairs of pictures that are compared; auto: all of up to 60 pictures, else neighbours in time", choices=("auto", "exhaustive", "sequential"))
+    positions: str | None = setting(None, "text file of known camera positions, lines `picture x y z` in metres; at least three give scale and world frame", path=True)
+    max_gaussians: int = setting(30_000, "most Gaussians of the scene; 0: none are trained", low=0, high=10_000_000)
 
 
 @dataclass(frozen=True)
@@ -206,6 +220,7 @@ class Settings:
     topics: Topics = field(default_factory=Topics)
     segment: Segment = field(default_factory=Segment)
     depth: DepthSettings = field(default_factory=DepthSettings)
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     particles: ParticleSettings = field(default_factory=ParticleSettings)
     prior: PriorSettings = field(default_factory=PriorSettings)

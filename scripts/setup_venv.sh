@@ -60,7 +60,7 @@ install() {
     else
         "${pip[@]}" "torch==$torch"
     fi
-    "${pip[@]}" --editable '.[ros,dev]'
+    "${pip[@]}" --editable '.[ros,dev,capture]'
 }
 
 refuse_cuda_wheels() {

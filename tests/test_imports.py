@@ -30,12 +30,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     **dict.fromkeys(STAGES, GROUND | SHARED),
     "splats": GROUND | SHARED | {"render", "losses"},
     **dict.fromkeys(LEAVES, GROUND),
+    "capture": GROUND | SHARED | STAGES | LEAVES | {"store", "recover"},
     "recover": GROUND | SHARED | STAGES | LEAVES | {"store"},
     "result": GROUND | STAGES | LEAVES | {"store", "recover", "report"},
     "report": GROUND,
     "score": GROUND | {"store", "result"},
     "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
-    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
+    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture"},
     "__init__": GROUND,
 }
 
@@ -43,7 +44,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 DOORS: dict[str, set[str]] = {
     "warp": {"simulate", "render"},
     "skfem": {"modes/elements.py", "modes/mesh.py"},
-    "cv2": {"correspondence.py", "segment", "tracks", "particles", "depth", "bags"},
+    "cv2": {"correspondence.py", "segment", "tracks", "particles", "depth", "bags", "capture"},
     "rclpy": {"nodes"},
     "mcap": {"bags"},
     "mcap_ros2": {"bags"},
@@ -51,6 +52,7 @@ DOORS: dict[str, set[str]] = {
     "rerun": {"report/rerun_log.py"},
     "matplotlib": {"report/figure.py"},
     "transformers": {"pretrained.py"},
+    "pycolmap": {"capture/structure.py"},
     "mujoco": {"bags/maker"},
 }
 

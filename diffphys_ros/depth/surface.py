@@ -8,6 +8,7 @@ import numpy as np
 
 from ..config import Settings
 from ..types import IGNORE, Clip
+from .capture import captured_depth
 from .inflate import inflated_depth
 from .network import network_depth
 from .plane import flat_depth
@@ -16,6 +17,7 @@ from .topic import topic_depth
 
 SOURCES: dict[str, Callable[[Clip, np.ndarray, Settings], tuple[np.ndarray, DepthSource]]] = {
     "topic": topic_depth,
+    "capture": captured_depth,
     "network": network_depth,
     "inflate": inflated_depth,
     "plane": flat_depth,
@@ -37,4 +39,6 @@ def source_of(clip: Clip, settings: Settings) -> str:
     """The name in SOURCES that `depth.source` stands for: the best that the clip allows where it is auto."""
     if settings.depth.source != "auto":
         return settings.depth.source
-    return "topic" if clip.depth is not None else "network" if settings.depth.model else "inflate"
+    if clip.depth is not None:
+        return "topic"
+    return "capture" if settings.depth.capture else "network" if settings.depth.model else "inflate"

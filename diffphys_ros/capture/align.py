@@ -1,0 +1,95 @@
+"""The similarity that takes a reconstruction into the clip's world, in metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..types import Camera
+from .structure import Structure
+
+LEAST_DEPTHS = 20  # sparse points or pixels with a depth that a scale is read from
+LEAST_POSITIONS = 3  # cameras of known position
+ROUNDS = 10  # of the reweighted similarity
+COLLINEAR = 1e-3  # second over first singular value of positions that lie in a line
+
+
+def scale_of(reference_m: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
+    """Metres per unit from depths [m] (P,) and those of the reconstruction (P,), by the median; and its standard error as a share.
+
+    Raises InputError for fewer than LEAST_DEPTHS that are known in both.
+    """
+    known = (reference_m > 0) & (depth > 0)
+    if known.sum() < LEAST_DEPTHS:
+        raise InputError(
+            f"capture: {int(known.sum())} points of frame 0 have a depth in the clip and in the capture, needs at least {LEAST_DEPTHS}; "
+            "take more pictures from near the clip's camera, or give capture.positions"
+        )
+    ratio = np.log(reference_m[known] / depth[known])
+    middle = float(np.median(ratio))
+    spread = 1.4826 * float(np.median(np.abs(ratio - middle)))
+    return float(np.exp(middle)), spread / np.sqrt(known.sum())
+
+
+def onto_camera(found: Camera, known: Camera, scale: float) -> np.ndarray:
+    """The similarity (4, 4) that puts a camera of the reconstruction where it is known to be and enlarges by `scale` around it."""
+    similarity = np.eye(4)
+    similarity[:3, :3] = scale * known.world_from_camera[:3, :3] @ found.world_from_camera[:3, :3].T
+    similarity[:3, 3] = known.position - similarity[:3, :3] @ found.position
+    return similarity
+
+
+def onto_positions(structure: Structure, positions: dict[str, np.ndarray], source: str) -> tuple[np.ndarray, float]:
+    """The similarity (4, 4) that takes cameras to their known positions [m], by name, and what it leaves of them [m, rms].
+
+    Raises InputError for fewer than LEAST_POSITIONS of the placed pictures, or positions in one line.
+    """
+    pairs = [(p.camera.position, positions[p.name.rsplit(".", 1)[0]]) for p in structure.placed if p.name.rsplit(".", 1)[0] in positions]
+    if len(pairs) < LEAST_POSITIONS:
+        raise InputError(f"{source}: names {len(pairs)} of the pictures that found their place, needs at least {LEAST_POSITIONS}; add more, by file name")
+    found, known = (np.array(side) for side in zip(*pairs, strict=True))
+    spread = np.linalg.svd(known - known.mean(0), compute_uv=False)
+    if spread[1] < COLLINEAR * spread[0]:
+        raise InputError(f"{source}: the positions lie in one line, which leaves the turn about it open; add one beside it")
+    similarity = robust_similarity(found, known)
+    left = known - (found @ similarity[:3, :3].T + similarity[:3, 3])
+    return similarity, float(np.sqrt((left**2).sum(1).mean()))
+
+
+def robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """The similarity (4, 4) of least absolute distances from points (P, 3) to points (P, 3), by reweighted least squares."""
+    weight = np.ones(len(source))
+    for _ in range(ROUNDS):
+        similarity = fitted_similarity(source, target, weight)
+        distance = np.linalg.norm(target - source @ similarity[:3, :3].T - similarity[:3, 3], axis=1)
+        weight = 1 / np.maximum(distance, max(float(np.median(distance)), 1e-12))
+    return similarity
+
+
+def fitted_similarity(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The similarity (4, 4) of least weighted squares (Umeyama 1991)."""
+    share = (weight / weight.sum())[:, None]
+    centre_s, centre_t = (share * source).sum(0), (share * target).sum(0)
+    arm_s, arm_t = source - centre_s, target - centre_t
+    u, value, vt = np.linalg.svd((share * arm_t).T @ arm_s)
+    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    similarity = np.eye(4)
+    similarity[:3, :3] = float(value @ sign) / float((share * arm_s**2).sum()) * (u * sign) @ vt
+    similarity[:3, 3] = centre_t - similarity[:3, :3] @ centre_s
+    return similarity
+
+
+def read_positions(path: Path) -> dict[str, np.ndarray]:
+    """Camera positions [m] by picture from lines `name x y z` (as COLMAP's model_aligner reads them); names without their ending.
+
+    Raises InputError for a file that cannot be read and for other lines.
+    """
+    try:
+        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")]
+        return {words[0].rsplit(".", 1)[0]: np.array([float(w) for w in words[1:4]]).reshape(3) for words in lines}
+    except OSError as error:
+        raise InputError(f"capture.positions {path}: {error.strerror or error}; give the path of a readable text file") from error
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(f"capture.positions {path}: every line must hold a picture's name and its camera's x y z in metres; correct the file") from error

@@ -1,0 +1,107 @@
+"""Surface depth from a capture of the still object from many sides, among whose pictures the clip's frame 0 found its place."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..types import Camera, Clip
+from .scale import DepthSource
+from .topic import fill_holes
+
+FILE = "clip_view.npz"  # in the folder of a capture
+SAME_FRAME = 12.0  # grey levels: mean difference up to which a frame is the one that found its place
+
+
+@dataclass(frozen=True)
+class ClipView:
+    """What a capture knows about frame 0 of a clip."""
+
+    frame: np.ndarray  # frame 0 as the clip has it, RGB, uint8, shape (H, W, 3)
+    camera: Camera  # in the clip's world
+    distortion: np.ndarray  # of the clip's frames, OpenCV's k1 k2 p1 p2, shape (4,)
+    depth: np.ndarray  # of the undistorted frame [m], 0 where unknown, float32, shape (H, W)
+    surface: str  # how the depth was found, in words
+    scale: str  # what fixed the metric scale, in words
+    thickness_m: float  # extent of the object along thickness_axis; NaN where not measured
+    thickness_axis: np.ndarray  # world, shape (3,)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Plain arrays by name, as FILE holds them."""
+        values = {name: np.asarray(value) for name, value in vars(self).items() if name != "camera"}
+        camera = {name: np.asarray(value) for name, value in vars(self.camera).items()}
+        return values | {f"camera_{name}": value for name, value in camera.items()}
+
+
+def read_clip_view(folder: str | Path) -> ClipView:
+    """What the capture in a folder knows about its clip. Raises InputError where there is none, or it was made without a clip."""
+    path = Path(folder) / FILE
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            values = {name: file[name] for name in file.files}
+        plain = {name: value.item() if value.ndim == 0 else value for name, value in values.items()}
+        camera = Camera(**{name.removeprefix("camera_"): plain.pop(name) for name in list(plain) if name.startswith("camera_")})
+        return ClipView(camera=camera, **plain)
+    except FileNotFoundError as error:
+        raise InputError(f"depth.capture {folder}: holds no {FILE}; make it with 'diffphys capture IMAGES --clip CLIP --out {folder}'") from error
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"depth.capture {path}: cannot be read ({error}); make the capture again") from error
+
+
+def registered(clip: Clip, settings: Settings) -> tuple[Clip, Settings]:
+    """The clip with the capture's camera and without lens distortion, and settings with the thickness that the capture measured
+    where scene.thickness_m says none. Raises InputError where the capture was made with another clip."""
+    view = _view(settings)
+    _require_same(clip, view, settings)
+    notes = [*clip.notes, f"camera of the capture {settings.depth.capture}"]
+    if view.distortion.any():
+        notes.append("lens distortion, as the capture found it, was removed from the images")
+    scene = settings.scene
+    if scene.thickness_m is None and np.isfinite(view.thickness_m):
+        scene = replace(scene, thickness_m=view.thickness_m, thickness_axis=view.thickness_axis.tolist())
+        notes.append(f"thickness {1e3 * view.thickness_m:.3g} mm, measured by the capture")
+    frames = undistorted(clip.frames, view.camera, view.distortion)
+    return replace(clip, camera=view.camera, frames=frames, notes=tuple(notes)), replace(settings, scene=scene)
+
+
+def undistorted(frames: np.ndarray, camera: Camera, distortion: np.ndarray) -> np.ndarray:
+    """Frames (T, H, W, 3) without lens distortion (OpenCV's k1 k2 p1 p2); the intrinsics stay."""
+    if not distortion.any():
+        return frames
+    return np.stack([cv2.undistort(frame, camera.pixel_from_camera, distortion) for frame in frames])
+
+
+def captured_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np.ndarray, DepthSource]:
+    """Depth [m] (H, W) of the object's pixels as the capture has it, holes filled, and what fixed its scale.
+
+    Raises InputError where depth.capture is not set, was made with another clip or knows no depth on the object.
+    """
+    view = _view(settings)
+    if clip.frames[0].shape != view.frame.shape:
+        raise _another(settings)
+    known = np.where(mask, view.depth, 0.0)
+    if not known.any():
+        raise InputError(f"depth.capture {settings.depth.capture}: knows no depth on the object; take more pictures from near the clip's camera")
+    return fill_holes(known, mask).astype(np.float32), DepthSource(view.surface, view.scale)
+
+
+def _view(settings: Settings) -> ClipView:
+    if settings.depth.capture is None:
+        raise InputError("depth.source is 'capture' but depth.capture is not set; give the folder that 'diffphys capture' wrote")
+    return read_clip_view(settings.depth.capture)
+
+
+def _require_same(clip: Clip, view: ClipView, settings: Settings) -> None:
+    first = clip.frames[0]
+    if first.shape != view.frame.shape or np.abs(first.astype(float) - view.frame).mean() > SAME_FRAME:
+        raise _another(settings)
+
+
+def _another(settings: Settings) -> InputError:
+    return InputError(f"depth.capture {settings.depth.capture}: was made with another clip; run 'diffphys capture' with --clip naming this one")
