@@ -13,13 +13,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import torch
-from bars import KINDS, SLIM, WIDE, apparent_by_kind, fitted, plain, static_ratio, timoshenko_ratio, wave_speed_ratio
+from bars import KINDS, SLIM, WIDE, apparent_by_kind, fitted, plain, sparse, static_ratio, timoshenko_ratio, wave_speed_ratio
 from table import Row, record, row
 
 RESOLUTIONS = (2.7, 4, 6, 8)  # cells over the thickness
 STATIC_RESOLUTIONS = (2, 3, 4, 6)  # double precision takes its time
 PER_CELL = 2.0
 GRIDS = tuple((cells, per_cell) for cells in (2.7, 3, 4, 6) for per_cell in (1.0, 1.5, 2.0))
+SPARSE = tuple((cells, per_cell) for cells in (3, 4) for per_cell in (1.0, 1.5, 2.0, 3.0))
+SPARSE_STATIC = (1.0, 2.0)
 OFFSETS = (-0.5, -0.25, 0.0, 0.25, 0.5)  # of the held plane from where fit_grid puts it, in cells; positive: inside the body
 LINES = {"plain": plain, "fitted": fitted}
 
@@ -77,9 +79,12 @@ def main() -> None:
     frequency, deflection = frequencies(), deflections()
     grids = by_kind({f"{c:g}c {p:g}ppc": lambda c=c, p=p: fitted(WIDE, c, p) for c, p in GRIDS})
     offsets = by_kind({f"3c {o:+g}": lambda o=o: fitted(WIDE, 3, PER_CELL, offset=o) for o in OFFSETS})
+    thinned = by_kind({f"{c:g}c {p:g}ppc": lambda c=c, p=p: sparse(WIDE, c, p) for c, p in SPARSE})
     rows = beam_rows("first bending frequency, squared, over Timoshenko's", "timoshenko_frequency", frequency)
     rows += beam_rows("static deflection: Timoshenko's over the simulated one", "timoshenko_deflection", deflection)
     rows += kind_rows("against finite elements, by cells and particles per cell and axis", "apparent", grids)
+    rows += kind_rows("down-sampled particles, against finite elements", "sparse", thinned)
+    rows += [row(f"sparse_deflection_{p:g}ppc", static_ratio(sparse(SLIM, 3, p), SLIM, 2), "E/E", device="cpu") for p in SPARSE_STATIC]
     rows += kind_rows("against finite elements, by offset of the clamp plane in cells", "apparent", offsets)
     rows += [row(f"bar_wave_speed_{c}c", wave_speed_ratio(c, PER_CELL), "c/c", device="cpu") for c in (2, 3, 4)]
     print()

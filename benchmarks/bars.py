@@ -13,7 +13,7 @@ from skfem import MeshTet
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.modes.elements import Elements, modal_model
 from diffphys_ros.modes.mesh import SolidMesh
-from diffphys_ros.particles import fill, fit_grid
+from diffphys_ros.particles import dense_points, downsample, fill, fit_grid
 from diffphys_ros.recover.calibrate import elastic_modes, swing_ratios
 from diffphys_ros.simulate import Simulator, substeps_per_frame
 from diffphys_ros.types import Body, Grid, Particles
@@ -23,6 +23,7 @@ ELEMENTS = (16, 6, 4)  # along x, y, z, six tetrahedra each; squared frequencies
 REACH_M = 0.01
 SETTLED = 1.8  # periods of critical damping; (1 + w t) exp(-w t) is then below 2e-4
 PIXELS_ACROSS = 24  # of the body's raster
+DENSE = 20  # points over the thickness from which `sparse` particles are taken
 
 Lattice = tuple[Particles, Grid]
 
@@ -68,6 +69,16 @@ def fitted(bar: Bar, cells: float, per_cell: float, *, offset: float = 0.0) -> L
     particles = fill(bar.body(), dx, per_cell)
     grid = fit_grid(particles, dx=dx, reach_m=REACH_M, clamped=True)
     return particles, replace(grid, origin=grid.origin + np.array([offset * dx, 0, 0]))
+
+
+def sparse(bar: Bar, cells: float, per_cell: float) -> Lattice:
+    """Particles down-sampled from points on the front and a dense interior, to as many as `per_cell` to a cell and axis are."""
+    body, dx = bar.body(), bar.thickness / cells
+    step = bar.thickness / DENSE
+    front = np.stack(np.meshgrid(np.arange(step / 2, bar.length, step), np.arange((step - bar.width) / 2, bar.width / 2, step), [bar.thickness / 2]), -1)
+    count = round(body.volume_m3 * (per_cell / dx) ** 3)
+    particles = downsample(body, dense_points(body, front.reshape(-1, 3)), count, dx)
+    return particles, fit_grid(particles, dx=dx, reach_m=REACH_M, clamped=True)
 
 
 def plain(bar: Bar, cells: float, per_cell: float) -> Lattice:
