@@ -46,8 +46,9 @@ class Plan:
 
     def text(self) -> str:
         """One line for people."""
+        few = f" (fewer than {TRUE_PER_CELL:g} bend several percent off)" if self.per_cell < TRUE_PER_CELL else ""
         return (
-            f"{self.cells:.3g} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:.3g} particles per cell and axis, "
+            f"{self.cells:.3g} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:.3g} particles per cell and axis{few}, "
             f"{self.substeps} substeps a frame, {self.iterations} iterations of about {self.seconds_per_iteration:.1f} s, "
             f"every {self.image_every}. frame in the image term"
         )

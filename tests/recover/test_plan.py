@@ -81,3 +81,8 @@ def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
         plan(dense=50, **{"particles.downsample_ratio": 1.0})
     with pytest.raises(InputError, match=r"per_cell 2 and particles.downsample_ratio 0.01 are both given"):
         plan(dense=100_000, **{"particles.downsample_ratio": 0.01, "particles.per_cell": 2.0})
+
+
+@pytest.mark.parametrize(("per_cell", "said"), [(1.0, True), (1.5, False)])
+def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
+    assert ("fewer than 1.5 bend several percent off" in plan(**{"particles.per_cell": per_cell}).text()) == said
