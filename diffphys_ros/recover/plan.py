@@ -6,9 +6,11 @@ every run; a slower machine is caught by the clock in solve.py.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 
 from ..config import ParticleSettings, Settings
 from ..errors import InputError
@@ -26,6 +28,7 @@ QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
 SEARCH_SHARE = 0.4  # of the time, where fields are trained after the search
+STATE_BYTES, FORCE_BYTES = 96, 12  # of a particle
 RENDER_SHARE = 0.3  # of an iteration, at most, spent on images
 
 Grid = tuple[float, float]  # cells over the thickness, particles per cell and axis
@@ -42,6 +45,7 @@ class Plan:
     iterations: int
     image_every: int  # frames between two that enter the image term
     seconds_per_iteration: float  # expected [s]
+    memory_bytes: float  # of a rollout and its gradient (docs/simulator.md)
     kept: int = 0  # particles that are left of dense points; 0: they fill a lattice
 
     def text(self) -> str:
@@ -50,7 +54,7 @@ class Plan:
         return (
             f"{self.cells:.3g} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:.3g} particles per cell and axis{few}, "
             f"{self.substeps} substeps a frame, {self.iterations} iterations of about {self.seconds_per_iteration:.1f} s, "
-            f"every {self.image_every}. frame in the image term"
+            f"every {self.image_every}. frame in the image term, {self.memory_bytes / 2**20:.0f} MB for the motion"
         )
 
 
@@ -70,7 +74,7 @@ def make_plan(
         dense: points of which particles.downsample_ratio keeps a share.
 
     Raises:
-        InputError: fit.max_substeps forbids all grids, or the kept particles are too few for any.
+        InputError: fit.max_substeps or the memory forbids all grids, or the kept particles are too few for any.
     """
     grids = _grids(body, settings.particles, reach_m, dense)
     plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in grids]
@@ -81,6 +85,7 @@ def make_plan(
             f"fit.max_substeps {settings.fit.max_substeps}: {least.cells:.3g} cells over the thickness need {least.substeps} substeps a frame "
             f"at E = {young.max():.3g} Pa; raise it to {least.substeps} or lower particles.cells"
         )
+    allowed = _within(_memory(device), allowed)
     wanted = settings.fit.iterations or WANTED_ITERATIONS
     budget_s = search_budget_s(settings)
     asked = settings.particles.cells > 0 or settings.particles.grid_nodes is not None
@@ -88,6 +93,25 @@ def make_plan(
     plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
     plan = replace(plan, kept=round(settings.particles.downsample_ratio * dense))
     return plan if settings.fit.iterations else _with_iterations(plan, budget_s)
+
+
+def _within(memory: float, plans: list[Plan]) -> list[Plan]:
+    """Plans that a memory [B] holds."""
+    found = [p for p in plans if p.memory_bytes <= memory]
+    if not found:
+        least = min(plans, key=lambda p: p.memory_bytes)
+        raise InputError(
+            f"particles: {least.cells:.3g} cells over the thickness with {least.per_cell:.3g} particles per cell and axis need "
+            f"{least.memory_bytes / 2**30:.1f} GiB, the device has {memory / 2**30:.1f}; lower particles.cells, grid_nodes or per_cell"
+        )
+    return found
+
+
+def _memory(device: str) -> float:
+    """Of the device [B]; no bound where it is not there to be asked."""
+    if device.startswith("cuda"):
+        return float(torch.cuda.get_device_properties(device).total_memory) if torch.cuda.is_available() else np.inf
+    return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
 
 
 def search_budget_s(settings: Settings) -> float:
@@ -148,4 +172,5 @@ def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: f
     simulate_s = frames * substeps * (count * rate + LEAST_SUBSTEP_S[kind])
     every = settings.fit.image_every or int(np.clip(np.ceil(frames * render_s / (RENDER_SHARE * simulate_s)), 1, max(1, frames // 6)))
     seconds = STEPS_PER_ITERATION * (simulate_s + frames / every * render_s)
-    return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds)
+    memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 6) + FORCE_BYTES * count * frames
+    return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds, memory)

@@ -86,3 +86,10 @@ def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
 @pytest.mark.parametrize(("per_cell", "said"), [(1.0, True), (1.5, False)])
 def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
     assert ("fewer than 1.5 bend several percent off" in plan(**{"particles.per_cell": per_cell}).text()) == said
+
+
+def test_a_grid_that_no_memory_holds_is_refused_before_it_is_filled():
+    settings = build({"particles.cells": 32, "particles.per_cell": 4.0})
+    with pytest.raises(InputError, match=r"32 cells over the thickness with 4 particles per cell and axis need \d+\.\d GiB, the device has .* lower particles.cells"):
+        make_plan(make_body(), YOUNG, frames=100_000, period_s=1 / 30, settings=settings, device="cpu")
+    assert plan().memory_bytes < 2**30
