@@ -23,6 +23,7 @@ class Division:
 
     zone: np.ndarray  # 1..K on the silhouette, extended to its nearest value outside, (nx, ny) uint8
     part: np.ndarray  # 1..n of every zone, (K,)
+    away: np.ndarray  # way from the clamp over the longest, 0..1, rising, (K,)
     neighbours: np.ndarray  # pairs of zones that touch, counted from 0, (B, 2)
 
     @property
@@ -47,7 +48,7 @@ class Division:
         number[kept[np.argsort(distance, kind="stable")]] = np.arange(1, len(kept) + 1)
         zone = number[labels]
         part_of = np.array([body.part[zone == k + 1][0] for k in range(len(kept))])
-        return cls(_extended(zone, body.inside), part_of, _touching(np.where(body.inside, zone, 0)))
+        return cls(_extended(zone, body.inside), part_of, np.sort(distance) / length, _touching(np.where(body.inside, zone, 0)))
 
     def divide(self, body: Body) -> Body:
         """The body with the zones as its parts."""

@@ -20,13 +20,16 @@ from .division import Division
 from .model import ModalModel
 from .observation import observe
 from .spread import DENSITY_CONTRAST, outline_sd
-from .start import SETTLED, WIDEST_SD, Evidence
+from .start import ALARM_NOISE, GUESS_SD, SETTLED, WIDEST_SD, Evidence
 from .support import find_support
-from .tail import DETUNED, RATIO_SD, Physics, differences
+from .tail import DETUNED, RATIO_SD, STEP, Physics, differences
 
 LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part: the search begins
 # where a gradual change and a jump hardly differ, and ends at the last
+CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all
 ANY_BORDER = 0.5  # standard deviation of such a difference for the spread that is reported: every border may be one of materials
+SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins
+FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans
 ROUNDS, STEPS = 4, 6  # most times that the basis moves to the fit at the last scale; most steps of a search between
 
@@ -68,7 +71,7 @@ def zone_values(
     support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.noise_m)
     evidence = Evidence(Elements.of(zoned), zoned, tracks, motion, support, period_s, settings, None)
     fit = _ZoneFit(evidence, division, _believed(zoned, division, pattern))
-    physics = Physics(start.young[division.part - 1], start.mass_damping, start.stiffness_damping, np.zeros(DETUNED))
+    physics = fit.first(Physics(start.young[division.part - 1], start.mass_damping, start.stiffness_damping, np.zeros(DETUNED)))
     physics, modal = fit.settled(physics, fit.tail_misfit, levels=LEVELS)
     edges = fit.evidence.force_problem(modal).edges(physics)
     if any(edges):
@@ -77,11 +80,13 @@ def zone_values(
     family, footprint = fit.evidence.force_problem(modal).best_footprint(physics)
     physics, modal = fit.settled(physics, lambda modal: fit.whole_misfit(modal, family, footprint))
     misfit = fit.whole_misfit(modal, family, footprint)
+    excess = misfit.excess(physics)
     sd = np.sqrt(fit.variance(misfit, physics) + _outside_variance(body, tracks, division, settings)) / np.log(10)
+    sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
     precision = fit.precision(misfit, physics)
     modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
     values = fit.evidence.values(physics, modal, family, footprint)
-    return Zoned(zoned, _told(values, sd), modal, division.part, precision)
+    return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
 
 
 @dataclass(frozen=True)
@@ -103,13 +108,23 @@ class _ZoneFit:
     division: Division
     believed: np.ndarray  # log E that differences are measured from, (K,)
 
+    def first(self, physics: Physics) -> Physics:
+        """The best of a few slopes of stiffness along the body, each matched to the observed frequency and fitted a little: from
+        one constant the modes may be taken for each other."""
+        found = []
+        for slope in SLOPES:
+            tail = self.evidence.tail(self.basis(physics.young * slope**self.division.away))
+            young = tail.matched(tail.modal.reference, float(self.evidence.support.frequencies_hz[0]))
+            found.append(self._search(replace(physics, young=young), self.tail_misfit(tail.modal), LEVELS[0]))
+        return min(found, key=lambda pair: pair[0])[1]
+
     def settled(
         self, physics: Physics, misfit_of: Callable[[ModalModel], _Misfit], *, levels: tuple[float, ...] = LEVELS[-1:]
     ) -> tuple[Physics, ModalModel]:
         """The minimum of a misfit and the priors, at one Cauchy scale after the other; the basis moves to the fit until it rests."""
         for level in (*levels, *levels[-1:] * ROUNDS):
             before, modal = physics.young, self.basis(physics.young)
-            physics = self._search(physics, misfit_of(modal), level)
+            physics = self._search(physics, misfit_of(modal), level)[1]
             if level == levels[-1] and np.abs(np.log(physics.young / before)).max() < SETTLED:
                 break
         return physics, modal
@@ -132,21 +147,28 @@ class _ZoneFit:
         return _Misfit(lambda physics: problem.solve(physics, load).residual, int(problem.known.sum()))
 
     def prior(self, vector: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Residuals of the priors: differences between neighbours, by `inside` where they lie in one part; damping and detuning."""
+        """Residuals of the priors: differences between neighbours, by `inside` where they lie in one part; contrast; damping and
+        detuning."""
         count, (a, b) = self.division.count, self.division.neighbours.T
-        difference = (vector[:count] - self.believed)[b] - (vector[:count] - self.believed)[a]
-        same = self.division.part[a] == self.division.part[b]
-        return np.r_[np.where(same, inside(difference), difference / RATIO_SD), vector[count:]]
+        log_young = vector[:count] - self.believed
+        difference, same = log_young[b] - log_young[a], self.division.part[a] == self.division.part[b]
+        contrast = (log_young - log_young.mean()) / CONTRAST_SD
+        return np.r_[np.where(same, inside(difference), difference / RATIO_SD), contrast, vector[count:]]
 
-    def _search(self, physics: Physics, misfit: _Misfit, level: float) -> Physics:
+    def _search(self, physics: Physics, misfit: _Misfit, level: float) -> tuple[float, Physics]:
+        """Cost and physics a few steps on."""
+
         def residual(vector: np.ndarray) -> np.ndarray:
             prior = self.prior(vector, lambda difference: cauchy(difference, level))
             return np.r_[misfit.of(Physics.of(vector, self.division.count)), prior]
 
         low, high = physics.bounds()
+        reach = np.r_[np.full(self.division.count, FARTHEST), np.full(len(low) - self.division.count, np.inf)]
+        low, high = np.maximum(low, physics.vector() - reach), np.minimum(high, physics.vector() + reach)
+        low[self.division.count : self.division.count + 2] = STEP  # differences must not reach below zero: fast modes would grow without end
         inside = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
         found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=STEPS, ftol=1e-4)
-        return Physics.of(found.x, self.division.count)
+        return float(found.cost), Physics.of(found.x, self.division.count)
 
     def _covariance(self, misfit: _Misfit, physics: Physics, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Of log E (K, K) by Gauss-Newton under a prior, damping and detuning left open."""
@@ -188,6 +210,7 @@ def _outside_variance(body: Body, tracks: Tracks, division: Division, settings: 
     return outline_sd(body, tracks)[division.part - 1] ** 2 + density**2
 
 
-def _told(values: StartValues, sd: np.ndarray) -> StartValues:
-    reasons = tuple(f"a zone of a field; log10 E is known to +-{s:.2f}." for s in sd)
+def _told(values: StartValues, sd: np.ndarray, excess: float) -> StartValues:
+    missed = f"; the motion is missed by {np.sqrt(excess):.0f} times what was expected" if excess >= ALARM_NOISE**2 else ""
+    reasons = tuple(f"a zone of a field; log10 E is known to +-{s:.2f}{missed}." for s in sd)
     return replace(values, log10_young_sd=sd, identified=sd <= WIDEST_SD, reasons=reasons)

@@ -17,10 +17,12 @@ from .progress import Progress
 
 WITHOUT_ELEMENTS = "scikit-fem is not installed and the clip was prepared without zones: the field begins at constants per part"
 
+MISSED = "no modulus per zone is told by the free motion: the field begins at constants per part"
+
 
 def zones_of(prepared: Prepared, settings: Settings) -> Generator[Progress, None, Zoned | None]:
     """Zones of a clip whose material is wanted as a field; those that it carries are kept. None where constants per part are
-    wanted, no free tail tells of stiffness, or finite elements are not at hand."""
+    wanted, no free tail tells of stiffness, zones do not explain the motion, or finite elements are not at hand."""
     if settings.fit.material_field == "part" or not prepared.start.has_free_tail or settings.fit.schedule == "joint":
         return None
     if prepared.zones is not None:
@@ -32,6 +34,9 @@ def zones_of(prepared: Prepared, settings: Settings) -> Generator[Progress, None
         if error.name != "skfem":
             raise
         yield Progress("modes", text=WITHOUT_ELEMENTS)
+        return None
+    if not found.start.identified.any():
+        yield Progress("modes", text=f"{MISSED} ({found.start.reasons[0]})")
         return None
     yield Progress("modes", text=described(found), artefact=found.start)
     return found
