@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..types import IGNORE, Clip, Tracks
 from .coherence import settled
 from .lift import points_from_depth, points_on_planes, without_oddities
-from .noise import displacement_noise, track_residuals
+from .noise import displacement_noise, position_sd, track_residuals
 from .refine import refined
 
 MOST_TRACKS = 500
@@ -41,7 +41,7 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     start = seed_points(images[0], mask, spacing_px=settings.tracks.spacing_px, most=MOST_TRACKS)
     matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
     pixels, valid = track_pixels(images, start, clip.seen, matching)
-    pixels, valid = refined(clip.frames, pixels, valid, mask, window_px=settings.tracks.window_px)
+    pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=settings.tracks.window_px)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
     valid = without_oddities(points, valid)
     points, valid = settled(clip, points, valid)
@@ -54,7 +54,9 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     residual = track_residuals(points[:, keep], valid[:, keep])
     keep = np.flatnonzero(keep)[residual <= LARGEST_RESIDUAL * np.median(residual)]
     points, valid = points[:, keep], valid[:, keep]
-    return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid))
+    by_patch = spread[:, keep] * clip.camera.project(points[0])[1] / clip.camera.focal_px
+    sd = position_sd(points, valid, by_patch, clip.camera.position, along=clip.depth is not None)
+    return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid), sd)
 
 
 def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

@@ -17,8 +17,10 @@ REGAINED = 0.96  # from which one that did not hold does: its patch alone speaks
 
 def refined(
     frames: np.ndarray, pixels: np.ndarray, valid: np.ndarray, mask: np.ndarray, *, window_px: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (T, M, 2) [px] and validity (T, M) of tracks, matched again to frame 0 with what a translation cannot follow.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (T, M, 2) [px] and validity (T, M) of tracks, matched again to frame 0 with what a translation cannot follow; and the
+    standard deviation (T, M) of one coordinate of each that its patch tells, up to a factor of the clip (noise of neighbouring pixels
+    is not independent).
 
     Inverse compositional Gauss-Newton (Baker and Matthews 2004, "Lucas-Kanade 20 years on") for the shift, gain and offset of each
     patch of frame 0, read in frame k through the local affine motion of the tracks around. Only the object's own pixels count, so that
@@ -29,10 +31,10 @@ def refined(
         pixels, valid: tracks to start from, (T, M, 2), (T, M); one that does not hold is looked for where those around it went.
     """
     if not pixels.shape[1]:
-        return pixels, valid
+        return pixels, valid, np.zeros(valid.shape)
     images = [_smooth(frame) for frame in frames]
     template = _Template.of(images[0], pixels[0], mask, window_px)
-    result, holds = pixels.copy(), valid & template.usable
+    result, holds, spread = pixels.copy(), valid & template.usable, np.zeros(valid.shape)
     for k in range(1, len(frames)):
         good, start = holds[k], pixels[0]
         if good.sum() < AROUND:
@@ -43,17 +45,19 @@ def refined(
         near = np.linalg.norm(found - place, axis=1) < LONGEST_STEP_PX
         result[k] = np.where(near[:, None], found, place)
         holds[k] = template.usable & near & (likeness > np.where(good, LEAST_LIKENESS, REGAINED))
-    return result, holds
+        spread[k] = template.vagueness * np.sqrt(np.maximum(1 - likeness**2, 0)) / np.maximum(likeness, LEAST_LIKENESS)
+    return result, holds, spread
 
 
 class _Template:
     """Patches of frame 0 and how their pixels answer to shift, gain and offset."""
 
-    def __init__(self, offset: np.ndarray, patch: np.ndarray, weight: np.ndarray, solver: np.ndarray):
+    def __init__(self, offset: np.ndarray, patch: np.ndarray, weight: np.ndarray, solver: np.ndarray, vagueness: np.ndarray):
         self.offset = offset  # [px], (K, 2)
         self.patch = patch  # grey levels, weighted mean taken off, (M, K)
         self.weight = weight  # sums to 1 over a patch, (M, K)
         self.solver = solver  # shift [px], gain, offset from grey levels, (M, 4, K)
+        self.vagueness = vagueness  # standard deviation of a shift [px] at a residual as large as the patch's own contrast, (M,)
 
     @classmethod
     def of(cls, image: np.ndarray, centre: np.ndarray, mask: np.ndarray, window_px: int) -> _Template:
@@ -72,7 +76,9 @@ class _Template:
         answers = np.stack([*slope, patch, np.ones_like(patch)], -1)
         weighted = answers * weight[..., None]
         normal = np.einsum("mki,mkj->mij", weighted, answers) + 1e-6 * np.eye(4)
-        return cls(offset, patch, weight, np.linalg.solve(normal, np.swapaxes(weighted, 1, 2)))
+        solver = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2))
+        vagueness = np.sqrt((weight * patch**2).sum(1) * (solver[:, :2] ** 2).sum((1, 2)) / 2)
+        return cls(offset, patch, weight, solver, vagueness)
 
     @property
     def usable(self) -> np.ndarray:
