@@ -55,12 +55,12 @@ class Movement:
         if not sure.any():
             return np.zeros(core.shape, bool)
         distance, nearest = distance_transform_edt(~sure, return_indices=True)
-        across = np.hypot(*(np.ptp(index) + 1.0 for index in np.nonzero(sure)))
+        size_px = float(np.linalg.norm([np.ptp(index) + 1.0 for index in np.nonzero(sure)]))
         along, least = np.empty(self.flow.shape, np.float32), []
         for k, flow in enumerate(self.flow):
             along[k] = cv2.blur(flow[tuple(nearest)].astype(np.float32), (BLUR_PX, BLUR_PX))
             largest = np.quantile(np.linalg.norm(flow[sure].astype(np.float32), axis=1), LARGEST)
-            least.append(STILL_MOTION_PX + STEEPNESS * largest / across * distance)
+            least.append(STILL_MOTION_PX + STEEPNESS * largest / size_px * distance)
         return _steady(self.frames, along, np.stack(least), -1.0)
 
 

@@ -10,6 +10,7 @@ WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a shar
 LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness
 LEAST_SEPARATION = 2.5  # the same distance against the spread inside the two parts
 LEAST_SHARE = 0.015  # of the object that a part must cover
+MOST_ENCLOSED, LEAST_ENCLOSED_SHARE = 0.6, 0.08  # of a part's outline inside the object, beyond which it is a spot or a seam unless it covers so much
 LEAST_CONNECTED = 0.75  # of a colour's pixels that must be one piece
 MEDIUM_LIGHTNESS = 60.0
 REFINEMENTS = 4
@@ -20,7 +21,8 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
 
     Colours are chroma over lightness (shading cancels) after a median that removes spots and lines. The largest number of
     clusters (k-means) is taken whose colours lie apart against their spread and of which each is essentially one connected piece; then
-    edges are drawn again from the parts' full colour distributions, and every stray island joins its surroundings.
+    edges are drawn again from the parts' full colour distributions, and every stray island joins its surroundings. What then is small and
+    mostly enclosed is no part: a spot, or the mixed colours of a seam.
     """
     if not mask.any():
         return np.zeros(mask.shape, np.uint8)
@@ -28,7 +30,9 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
     for count in range(min(max_parts, 8), 1, -1):
         parts = _clustered(colour, mask, count)
         if parts is not None:
-            return one_piece_each(_redrawn(frame, mask, parts))
+            parts = one_piece_each(_redrawn(frame, mask, parts))
+            if all(_stands_for_itself(parts == k + 1, mask) for k in range(count)):
+                return parts
     return mask.astype(np.uint8)
 
 
@@ -88,6 +92,14 @@ def _is_piece(region: np.ndarray, mask: np.ndarray) -> bool:
         return False
     area = stats[1:, cv2.CC_STAT_AREA]
     return bool(area.max() > LEAST_CONNECTED * area.sum() and area.sum() > LEAST_SHARE * mask.sum())
+
+
+def _stands_for_itself(region: np.ndarray, mask: np.ndarray) -> bool:
+    """Whether a part covers enough of the object, and more where most of its outline lies inside the object."""
+    share = region.sum() / mask.sum()
+    around = (cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~region
+    enclosed = (around & mask).sum() / max(around.sum(), 1)
+    return bool(share > (LEAST_ENCLOSED_SHARE if enclosed > MOST_ENCLOSED else LEAST_SHARE))
 
 
 def _redrawn(frame: np.ndarray, mask: np.ndarray, parts: np.ndarray) -> np.ndarray:
