@@ -159,6 +159,7 @@ class SplatSettings:
 
     max_count: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
     iterations: int = setting(100, "steps of the fit to frame 0", low=1, high=100_000)
+    refine_frames: int = setting(12, "frames of the clip to which the Gaussians are fitted once the motion is recovered; 0: frame 0 alone", low=0, high=10_000)
     view_iterations: int = setting(2000, "steps of a fit to many views of a still scene", low=1, high=100_000)
 
 

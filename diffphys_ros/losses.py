@@ -76,7 +76,10 @@ def psnr_masked(rendered: Image, observed: Image, mask: Image) -> float:
 
 def ssim_masked(rendered: Image, observed: Image, mask: Image) -> float:
     """masked_ssim as a number. Raises InputError for an empty mask."""
-    return float(masked_ssim(_unit(rendered), _unit(observed), _mask(mask)))
+    mask = _mask(mask)
+    rows, columns = (slice(int(line.min()), int(line.max()) + 1) for line in mask.reshape(-1, *mask.shape[-2:]).any(0).nonzero().unbind(1))
+    shown, seen = (_unit(image)[..., rows, columns, :] for image in (rendered, observed))  # all else is black in both
+    return float(masked_ssim(shown, seen, mask[..., rows, columns]))
 
 
 def psnr_frozen_frame(frames: np.ndarray, labels: np.ndarray) -> np.ndarray:

@@ -130,3 +130,13 @@ def test_the_frozen_first_frame_is_compared_over_each_later_object():
     found = losses.psnr_frozen_frame(frames, labels)
     assert found[0] == pytest.approx(20 * np.log10(5))
     assert np.isnan(found[1])
+
+
+def test_the_ssim_of_an_object_does_not_depend_on_the_picture_around_it():
+    rng = np.random.default_rng(4)
+    a, b = rng.random((2, 40, 50, 3))
+    mask = np.zeros((40, 50), bool)
+    mask[12:25, 8:31] = rng.random((13, 23)) > 0.2
+    inside = losses.ssim_masked(a, b, mask)
+    assert inside == pytest.approx(float(losses.masked_ssim(*(torch.from_numpy(t) for t in (a, b, mask)))), abs=1e-12)
+    assert inside == losses.ssim_masked(a[10:, 5:], b[10:, 5:], mask[10:, 5:])

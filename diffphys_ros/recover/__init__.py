@@ -11,9 +11,10 @@ from .checkpoint import Checkpoint
 from .judge import Judge
 from .prepare import Prepared, label, prepare
 from .progress import Progress
+from .refine import refine_gaussians
 from .solve import pick_device, solve
 
-__all__ = ["Checkpoint", "Judge", "Prepared", "Progress", "fit_gaussians", "label", "pick_device", "prepare", "run", "solve", "solve_prepared"]
+__all__ = ["Checkpoint", "Judge", "Prepared", "Progress", "fit_gaussians", "label", "pick_device", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
 
 Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
 
@@ -34,6 +35,7 @@ def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkp
     judge = Judge.of(settings, device=pick_device(settings))
     splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
     recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
+    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings)
     return prepared, splats, judge.judged(recovery, prepared)
 
 

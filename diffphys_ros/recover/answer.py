@@ -10,7 +10,7 @@ from ..fields import Layout
 from ..footprints import footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..particles import held_by
-from ..types import Recovery
+from ..types import Clip, Recovery
 from .forward import Discretisation
 from .images import Renderer
 from .linear import linear_coordinates
@@ -112,14 +112,29 @@ def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, ob
     clip = prepared.clip
     if frames is None or clip.labels is None:
         return {}
-    mask = foreground(clip.labels)
-    pairs = [(k, mask[k]) for k in np.flatnonzero(clip.seen) if mask[k].any()]
+    later = [k for k in shown_frames(clip) if k > 0]
+    frozen = [ssim_masked(clip.frames[0], clip.frames[k], foreground(clip.labels[k])) for k in later]
     return {
-        "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
-        "psnr_masked_frozen_frame": float(np.mean(psnr_frozen_frame(clip.frames, clip.labels)[[k - 1 for k, _ in pairs if k > 0]])),
-        "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], m) for k, m in pairs])),
-        "ssim_masked_frozen_frame": float(np.mean([ssim_masked(clip.frames[0], clip.frames[k], m) for k, m in pairs if k > 0])),
+        **nearness(clip, frames),
+        "psnr_masked_frozen_frame": float(np.mean(psnr_frozen_frame(clip.frames, clip.labels)[[k - 1 for k in later]])),
+        "ssim_masked_frozen_frame": float(np.mean(frozen)),
     }
+
+
+def nearness(clip: Clip, frames: np.ndarray) -> dict[str, float]:
+    """Masked PSNR and SSIM of rendered frames (T, H, W, 3), means over those that were received and show the object."""
+    assert clip.labels is not None
+    mask, shown = foreground(clip.labels), shown_frames(clip)
+    return {
+        "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
+        "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
+    }
+
+
+def shown_frames(clip: Clip) -> np.ndarray:
+    """Numbers of the frames that were received and show the object."""
+    assert clip.labels is not None
+    return np.flatnonzero(clip.seen & foreground(clip.labels).any((1, 2)))
 
 
 def notes(prepared: Prepared) -> tuple[str, ...]:

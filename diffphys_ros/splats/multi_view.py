@@ -21,6 +21,7 @@ MARGIN_PX = 8  # of the rendered window around the object
 GROW_AT = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # shares of the iterations after which Gaussians are pruned and grow in number
 ASKED = 16  # most views that say where the pictures are wrong
 RATES = {"offset": 0.1, "log_scale": 0.04, "rotation": 0.04, "logit": 0.1, "color": 0.02}  # Adam steps [size, -, -, -, -]
+NEAR_RATE = 0.3  # of the steps where the start is near
 LAST_RATE = 0.05  # of the steps at the end over those at the start
 SIDES = 2  # of an object, of which one view sees one
 TOGETHER = {"cpu": 1, "cuda": 4}  # most views in one step, where they share a camera
@@ -90,19 +91,23 @@ def fit_views(
     *,
     iterations: int | None = None,
     count: int | None = None,
+    near: bool = False,
 ) -> Generator[tuple[int, int, float], None, Splats]:
     """Gaussians of all views; yields (iteration, iterations, loss) and returns canonical Splats, frame 0 where views move.
 
     start: Gaussians of frame 0, or from_points(points, colors) of a sparse cloud. iterations: steps, each of one view (of up to four
     that share a camera on CUDA); None: splats.view_iterations. count: most Gaussians; None: splats.max_count, where that is 0 what
-    BLOCKS_DB asks for in the view with most detail, from both sides; no less than start has. A view's motion is asked again whenever
-    the number of Gaussians changes; between, each moves with its anchor.
+    BLOCKS_DB asks for in the view with most detail, from both sides; no less than start has. near: start is near to the pictures:
+    steps are smaller and the Gaussians stay who they are. A view's motion is asked again whenever their number changes; between, each
+    moves with its anchor.
     Raises InputError where no view shows the object or a picture has another size than its camera.
     """
     views = check_views(views)
     iterations = settings.splats.view_iterations if iterations is None else iterations
-    count = max(settings.splats.max_count or _chosen(views), len(start.mean)) if count is None else count
-    fitted = yield from _optimise(ellipsoids_of(start, device), _groups(views, device), settings, iterations, count)
+    if count is None:
+        count = max(settings.splats.max_count or _chosen(views), len(start.mean))
+    e, groups, rounds = ellipsoids_of(start, device), _groups(views, device), [] if near else [round(share * iterations) for share in GROW_AT]
+    fitted = yield from _optimise(e, groups, settings, iterations, rounds, count, NEAR_RATE if near else 1.0)
     return canonical(to_splats(fitted))
 
 
@@ -145,18 +150,17 @@ def _group(views: Sequence[View], device: str) -> _Group:
 
 
 def _optimise(
-    e: Ellipsoids, groups: list[_Group], settings: Settings, iterations: int, count: int
+    e: Ellipsoids, groups: list[_Group], settings: Settings, iterations: int, rounds: list[int], count: int, rate: float
 ) -> Generator[tuple[int, int, float], None, Ellipsoids]:
-    """Adam with steps that shrink to LAST_RATE, pruning and growing on the way."""
-    first, rounds = len(e), [round(share * iterations) for share in GROW_AT]
-    steps, optimizer = _order(groups, settings.fit.seed), _adam(e, 1.0)
+    """Adam with steps that shrink to LAST_RATE; Gaussians are pruned and grow towards count in rounds, after so many iterations."""
+    first, steps, optimizer = len(e), _order(groups, settings.fit.seed), _adam(e, rate)
     carried = [_Carried.of(group, e.anchor) for group in groups]
     for iteration in range(iterations):
         if iteration and iteration in rounds:
             share = (rounds.index(iteration) + 1) / len(rounds)
             error, cover, spread = _judged(e, groups, carried)
             e = prune_and_grow(e, error, cover, spread, count=round(first + share * (count - first))).leaves()
-            optimizer = _adam(e, LAST_RATE ** (iteration / iterations))
+            optimizer = _adam(e, rate * LAST_RATE ** (iteration / iterations))
             carried = [_Carried.of(group, e.anchor) for group in groups]
         number, index = next(steps)
         loss = _loss(e, groups[number], carried[number], index, settings.fit.ssim_weight)
