@@ -71,7 +71,3 @@ def test_the_linear_motion_of_the_zones_explains_the_tracks_and_their_precision_
     assert (np.linalg.eigvalsh(jump.log_young_precision) > 0).all()
     np.testing.assert_array_equal(jump.part, 1)
     assert jump.body.parts == len(jump.start.young) == len(jump.modal.stiffness) == MOST_STEPS
-
-
-def test_equal_input_gives_equal_bits(jump):
-    np.testing.assert_array_equal(found((BORDER,), (STIFF, SOFT)).start.young, jump.start.young)
