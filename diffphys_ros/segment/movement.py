@@ -15,10 +15,11 @@ LEAST_GAIN = 6.0  # grey levels by which one of flow and standing still explains
 STEADY = 0.3  # quantile over the frames in which a pixel must have moved, or stood still: what is merely passed over fails it
 LEAST_CLAIMS = 0.2  # share of the frames in which it must have moved, or should have
 STILL_MOTION_PX = 3.0  # that a piece of the object would show at the least, from which a pixel that stands still is none
-STEEPNESS = 2.0  # of the largest motion over the moving region's size: how fast the motion may fall off towards a root
+STEEPNESS = 1.0  # of the largest motion over the size of the region that moves: how fast the motion may fall off towards a root
 LARGEST = 0.95  # quantile that stands for the largest motion
 MOST_FRAMES = 24
 WINDOW_PX = 7  # side of the window over which differences are averaged
+SPECK_PX = 3  # what is narrower is no evidence
 BLUR_PX = 31  # and of that over which the motion of the nearest moving pixels is
 
 
@@ -61,7 +62,8 @@ class Movement:
             along[k] = cv2.blur(flow[tuple(nearest)].astype(np.float32), (BLUR_PX, BLUR_PX))
             largest = np.quantile(np.linalg.norm(flow[sure].astype(np.float32), axis=1), LARGEST)
             least.append(STILL_MOTION_PX + STEEPNESS * largest / size_px * distance)
-        return _steady(self.frames, along, np.stack(least), -1.0)
+        still = _steady(self.frames, along, np.stack(least), -1.0) & ~self.moving
+        return cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SPECK_PX, SPECK_PX), np.uint8)) > 0
 
 
 def _steady(frames: np.ndarray, flow: np.ndarray, least_px: np.ndarray, sign: float) -> np.ndarray:
