@@ -3,9 +3,11 @@
 A scene is a folder with clip.mcap, given.yaml and truth.npz; a clip put through a sensor model is a folder like any other. One row
 per scene, the last is the median. --record puts the medians among the results as front_end_NAME_<figure>.
 
-iou: masks of all frames from the given first one, and (motion_) from motion alone. depth: error of frame 0's surface. track: error of
+iou: masks of all frames from the given first one, and (motion_) from motion alone. parts: how many too many or too few colour finds in
+the true silhouette, and the least IoU of a true part. depth: error of frame 0's surface. track: error of
 a displacement per coordinate; common to all points of a frame, their own, along the line of sight, as the tracks themselves claim, as
-a share of the motion. volume: of the filled body, over the truth's. particles: at 4 cells over the thickness, 2 per cell and axis.
+a share of the motion; z_: error over the deviation that each position claims, root mean square; tenth_: the largest factor between the
+two in any tenth of the positions, by what they claim. volume: of the filled body, over the truth's. particles: at 4 cells over the thickness, 2 per cell and axis.
 frame0: masked PSNR of the Gaussians. _s: seconds of a stage.
 """
 
@@ -31,6 +33,7 @@ from diffphys_ros.particles import build_body, fill
 from diffphys_ros.recover.images import static_background
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.segment import label_clip
+from diffphys_ros.segment.label import first_labels
 from diffphys_ros.splats import fit_splats
 from diffphys_ros.tracks import follow
 from diffphys_ros.types import Clip
@@ -83,6 +86,15 @@ def motion(case: Case) -> dict[str, float]:
     return {"motion_iou_min": iou.min(), "motion_iou_mean": iou.mean()}
 
 
+def parts(case: Case) -> dict[str, float]:
+    """Parts by colour alone, in the true silhouette."""
+    true = case.truth.surface_part(case.clip.camera)
+    found = case.timed("parts", lambda: first_labels(case.truth.mask[0].astype(np.uint8), case.clip, case.settings))
+    pairs = [[(found == j) & (true == k) for j in range(1, found.max() + 1)] for k in range(1, true.max() + 1)]
+    iou = [max(p.sum() / ((found == j) | (true == k)).sum() for j, p in enumerate(row, 1)) for k, row in enumerate(pairs, 1)]
+    return {"parts_wrong": abs(int(found.max()) - int(true.max())), "parts_iou_min": min(iou)}
+
+
 def depth(case: Case) -> dict[str, float]:
     """Surface depth of frame 0, where the object is seen and the front end says so."""
     case.depth0 = case.timed("depth", lambda: surface_depth(case.clip, case.settings)[0])
@@ -101,8 +113,9 @@ def tracks(case: Case) -> dict[str, float]:
     sight = found.points[0] - case.clip.camera.position
     sight /= np.linalg.norm(sight, axis=1, keepdims=True)
     along = (error * sight).sum(-1)
+    across = error - along[..., None] * sight
     if not found.has_depth:
-        error = error - along[..., None] * sight
+        error = across
     coordinates, count = 3 if found.has_depth else 2, valid.sum(1)
     total = (error**2).sum() / count.sum()
     common = ((error.sum(1) ** 2).sum(1) / np.maximum(count, 1)).sum() / count.sum()
@@ -114,8 +127,16 @@ def tracks(case: Case) -> dict[str, float]:
         "own_mm": 1e3 * np.sqrt((total - common) / coordinates),
         "sight_mm": 1e3 * np.sqrt((along**2).sum() / count.sum()) if found.has_depth else np.nan,
         "claimed_mm": 1e3 * found.noise_m,
+        **_calibration(np.sqrt((across**2).sum(-1) / 2)[valid], found.sd_m[valid, 0], "across"),
+        **(_calibration(np.abs(along)[valid], found.sd_m[valid, 1], "sight") if found.has_depth else {}),
         "track_pct": 100 * np.sqrt(total / (true[valid] ** 2).sum(1).mean()),
     }
+
+
+def _calibration(error: np.ndarray, claimed: np.ndarray, direction: str) -> dict[str, float]:
+    tenths = np.array_split(np.argsort(claimed, kind="stable"), 10)
+    factor = np.array([np.sqrt((error[t] ** 2).mean() / (claimed[t] ** 2).mean()) for t in tenths])
+    return {f"z_{direction}": np.sqrt(((error / claimed) ** 2).mean()), f"tenth_{direction}": np.exp(np.abs(np.log(factor)).max())}
 
 
 def body(case: Case) -> dict[str, float]:
@@ -138,6 +159,7 @@ def splats(case: Case) -> dict[str, float]:
 
 STAGES: dict[str, Callable[[Case], dict[str, float]]] = {
     "masks": masks,
+    "parts": parts,
     "depth": depth,
     "tracks": tracks,
     "body": body,

@@ -19,6 +19,7 @@ class TrueScene:
 
     positions: np.ndarray  # vertices [m], world, (T, N, 3)
     tets: np.ndarray  # vertices of each tetrahedron, (M, 4)
+    part: np.ndarray  # of each tetrahedron, 0..n-1, (M,)
     mask: np.ndarray  # object, bool, (T, H, W)
     volume_m3: float
 
@@ -30,7 +31,7 @@ class TrueScene:
             index = np.clip(np.rint(clip.times * float(truth["fps"])).astype(int), 0, count - 1)
             shape = truth["mask_shape"]
             mask = np.unpackbits(truth["mask"])[: np.prod(shape)].reshape(shape).astype(bool)
-            return cls(truth["positions"][index], truth["tets"], mask[index], float(truth["vertex_volume"].sum()))
+            return cls(truth["positions"][index], truth["tets"], truth["tet_part"], mask[index], float(truth["vertex_volume"].sum()))
 
     def displacement(self, points: np.ndarray) -> np.ndarray:
         """Displacement (T, P, 3) [m] from frame 0 of material points (P, 3) [m] given where they are in frame 0."""
@@ -40,11 +41,21 @@ class TrueScene:
 
     def surface_depth(self, camera: Camera) -> np.ndarray:
         """Depth (H, W) [m] of the object's surface in frame 0, 0 off the object."""
+        image = self._drawn(camera, np.ones(len(self.tets), bool))
+        return np.where(np.isfinite(image), image, 0.0)
+
+    def surface_part(self, camera: Camera) -> np.ndarray:
+        """Part 1..n (H, W) that is seen in frame 0, 0 off the object."""
+        images = np.stack([self._drawn(camera, self.part == part) for part in range(int(self.part.max()) + 1)])
+        return np.where(np.isfinite(images.min(0)), 1 + images.argmin(0), 0)
+
+    def _drawn(self, camera: Camera, chosen: np.ndarray) -> np.ndarray:
+        """Depth (H, W) [m] of some tetrahedra's surface in frame 0, infinite elsewhere."""
         pixels, depth = camera.project(self.positions[0])
         image = np.full((camera.height, camera.width), np.inf)
-        for corners in _surface(self.tets):
+        for corners in _surface(self.tets[chosen]):
             _draw(image, pixels[corners], depth[corners])
-        return np.where(np.isfinite(image), image, 0.0)
+        return image
 
 
 def _surface(tets: np.ndarray) -> np.ndarray:
