@@ -15,7 +15,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config"}
-SHARED = {"correspondence", "local_plane", "footprints", "pretrained"}  # what several stages need alike; imports the ground alone
+SHARED = {"correspondence", "local_plane", "footprints", "pretrained", "unseen"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses", "lpips"}
 LEAVES = {"bags", "msg_schemas"}
 OUTPUT = {"store", "result", "report", "score"}
@@ -28,6 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "store": {"errors"},
     **dict.fromkeys(SHARED, GROUND),
     **dict.fromkeys(STAGES, GROUND | SHARED),
+    "prior": GROUND | SHARED | {"store"},
     "splats": GROUND | SHARED | {"render", "losses"},
     **dict.fromkeys(LEAVES, GROUND),
     "capture": GROUND | SHARED | STAGES | LEAVES | {"store", "recover"},

@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from ..types import Body
+from ..unseen import nearest_known
 
 MOST_STEPS = 12  # from the clamp to the farthest end; a limb that branches has its own zones in each branch
 SLENDER = 0.5  # least length of a step over the limbs' width or thickness, whichever is less: shorter ones do not bend on their own
@@ -48,7 +49,7 @@ class Division:
         number[kept[np.argsort(distance, kind="stable")]] = np.arange(1, len(kept) + 1)
         zone = number[labels]
         part_of = np.array([body.part[zone == k + 1][0] for k in range(len(kept))])
-        return cls(_extended(zone, body.inside), part_of, np.sort(distance) / length, _touching(np.where(body.inside, zone, 0)))
+        return cls(nearest_known(zone, body.inside), part_of, np.sort(distance) / length, _touching(np.where(body.inside, zone, 0)))
 
     def divide(self, body: Body) -> Body:
         """The body with the zones as its parts."""
@@ -105,13 +106,7 @@ def _merged(labels: np.ndarray, here: np.ndarray, least: float) -> np.ndarray:
     area = np.bincount(labels.ravel())
     area[0] = 0
     large = area >= min(least, area.max())
-    return _extended(np.where(large[labels], labels, 0), here & large[labels])
-
-
-def _extended(labels: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Labels everywhere, off `known` those of the nearest cell on it."""
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return labels[tuple(nearest)]
+    return nearest_known(np.where(large[labels], labels, 0), here & large[labels])
 
 
 def _touching(zone: np.ndarray) -> np.ndarray:

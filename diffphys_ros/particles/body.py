@@ -7,7 +7,8 @@ import numpy as np
 from ..config import Scene, Settings
 from ..errors import InputError
 from ..types import IGNORE, Body, Clip
-from .silhouette import nearest, nearest_filled
+from ..unseen import nearest_known
+from .silhouette import nearest
 from .solid import Solid, solid_of
 from .view import View, object_mask, view_of
 
@@ -44,7 +45,7 @@ def _parts(labels: np.ndarray, view: View, inside: np.ndarray) -> np.ndarray:
     """Part numbers (nx, ny) uint8 read from the label image under the front, extended to the nearest part."""
     value = nearest(labels, view.front_pixels()[0])
     known = inside & (value > 0) & (value != IGNORE)
-    return nearest_filled(value, known).astype(np.uint8) if known.any() else np.ones(inside.shape, np.uint8)
+    return nearest_known(value, known).astype(np.uint8) if known.any() else np.ones(inside.shape, np.uint8)
 
 
 def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:

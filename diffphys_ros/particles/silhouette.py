@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_fill_holes, distance_transform_edt, label, median_filter
+from scipy.ndimage import binary_fill_holes, label, median_filter
 
 from ..types import Camera
+from ..unseen import nearest_known
 
 CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
 FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
@@ -133,17 +134,11 @@ def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolera
     return filled
 
 
-def nearest_filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values (nx, ny) with unknown cells taken from the nearest known one."""
-    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return values[tuple(index)]
-
-
 def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarray:
     """Height without specks (median over size x size cells)."""
-    return median_filter(nearest_filled(height, inside), size, mode="nearest")
+    return median_filter(nearest_known(height, inside), size, mode="nearest")
 
 
 def _extended_inverse(depth: np.ndarray) -> np.ndarray:
     """Inverse depth continued beyond the object, so that bilinear reading at its edge does not mix in background."""
-    return nearest_filled(np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0.0), depth > 0)
+    return nearest_known(np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0.0), depth > 0)

@@ -10,9 +10,10 @@ from scipy.ndimage import median_filter
 from ..config import Scene
 from ..errors import InputError
 from ..types import IGNORE, Camera, Clip
+from ..unseen import nearest_known
 from .edges import coverage
 from .frame import Clamp, body_pose, find_clamp, thickness_direction, up_direction
-from .silhouette import CELLS_PER_PIXEL, Raster, nearest_filled, raster_over
+from .silhouette import CELLS_PER_PIXEL, Raster, raster_over
 
 LEAST_PIXELS = 16
 SMOOTH_PX = 7  # over which a surface is taken to be straight; depth is averaged over as many pixels, so that noise has no memory of it
@@ -92,5 +93,5 @@ def height_noise(height: np.ndarray, mask: np.ndarray) -> float:
 
 def front_level(height: np.ndarray, mask: np.ndarray, noise_m: float) -> float:
     """Height of the front where it is highest [m]: that of its top as far as noise spreads it; specks in front do not count."""
-    clean = median_filter(nearest_filled(height, mask), SPECK_PX, mode="nearest")[mask]
+    clean = median_filter(nearest_known(height, mask), SPECK_PX, mode="nearest")[mask]
     return float(np.median(clean[clean >= np.quantile(clean, TOP) - TOP_NOISE * noise_m]))

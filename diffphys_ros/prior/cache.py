@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import InputError
+from ..store import write_whole
 from .endpoint import Message
 
 
@@ -35,12 +36,8 @@ class Cache:
     def put(self, key: str, answer: str) -> None:
         """Store an answer, whole or not at all."""
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            handle, name = tempfile.mkstemp(dir=self.folder, suffix=".part")
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                json.dump({"answer": answer}, file)
-            os.replace(name, self.folder / f"{key}.json")
-        except OSError:
+            write_whole(self.folder / f"{key}.json", lambda path: path.write_text(json.dumps({"answer": answer}), encoding="utf-8"))
+        except InputError:
             return
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from ..errors import InputError
 from ..types import IGNORE, MaterialPrior
+from ..unseen import nearest_known
 from .records import Record
 
 NOBODY = -1
@@ -25,13 +25,12 @@ def spread(records: list[Record], labels: np.ndarray, *, source: str, notes: tup
         index[_covered(records[k], labels) & body] = k
     if not (index >= 0).any():
         raise InputError(f"{source}: no box or part touches the object in frame 0; correct the boxes (shares of the image's width and height)")
-    nearest = distance_transform_edt(index < 0, return_distances=False, return_indices=True)
 
     def column(name: str) -> np.ndarray:
         return np.array([getattr(record, name) for record in records], float)
 
     return MaterialPrior(
-        index=index[tuple(nearest)],
+        index=nearest_known(index, index != NOBODY),
         name=tuple(record.name for record in records),
         young=column("young"),
         log10_young_sd=column("log10_young_sd"),

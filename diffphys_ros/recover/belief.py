@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from ..config import Scene
 from ..types import Body, Camera, MaterialPrior
+from ..unseen import nearest_known
 
 LEAST_SHARE = 0.015  # of the body that a part must hold
 
@@ -33,9 +33,8 @@ def parted(body: Body, prior: MaterialPrior, camera: Camera) -> Body:
     part = np.zeros(body.part.shape, np.uint8)
     for number, k in enumerate(kept):
         part[i[index == k], j[index == k]] = number + 1
-    nearest = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
     density, poisson = (np.repeat(value, len(kept)) for value in (body.density, body.poisson))
-    return replace(body, part=part[tuple(nearest)], density=density, poisson=poisson, sources=body.sources | {"parts": prior.source})
+    return replace(body, part=nearest_known(part, part > 0), density=density, poisson=poisson, sources=body.sources | {"parts": prior.source})
 
 
 def of_parts(prior: MaterialPrior, body: Body, camera: Camera) -> Belief:

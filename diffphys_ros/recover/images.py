@@ -6,17 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_erosion, distance_transform_edt
+from scipy.ndimage import binary_erosion
 
 from ..losses import depth_loss, foreground, image_loss
 from ..particles import Binding, bind, deform_splats
 from ..render import Rasterizer, Window, window_around
 from ..types import Clip, Splats
+from ..unseen import scene_behind
 from .forward import Discretisation, Motion
 from .prepare import Prepared
 
 MARGIN_PX = 8  # of the rendered window around the object
 CHUNK = 8  # frames rendered at a time when no gradient is wanted
+BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what the scene behind the object looks like
 TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
@@ -27,13 +29,8 @@ def static_background(clip: Clip) -> np.ndarray:
     """The scene without the object, uint8 (H, W, 3): the median over the frames that show it, the nearest such pixel where
     none does."""
     assert clip.labels is not None
-    hidden = clip.labels > 0
-    shown = np.ma.masked_array(clip.frames, np.repeat(hidden[..., None], 3, -1))
-    background = np.ma.median(shown[:: max(1, len(clip) // 15)], axis=0)
-    never = np.ma.getmaskarray(background)[..., 0]
-    filled = np.asarray(background.filled(0))
-    index = distance_transform_edt(never, return_distances=False, return_indices=True)
-    return filled[tuple(index)].astype(np.uint8)
+    some = slice(None, None, max(1, len(clip) // BACKGROUND_FRAMES))
+    return scene_behind(clip.frames[some], clip.labels[some] == 0)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+from ..unseen import scene_behind
 from .interpolate import affine_values
 from .regions import window_of
 
@@ -24,7 +24,7 @@ STRANGE = (
 )
 MOST_STRANGE = 36.0  # that one pixel counts
 WINDOW_PX = 9  # side of that window
-SHOWN_SHARE = 0.34  # of those frames in which a pixel of the scene must be seen
+SHOWN_SHARE = 0.34  # of those frames in which a pixel of the scene must be seen: an arm over the object may pass for background for a while
 BACKGROUND_FRAMES = 15  # that are asked what the scene behind the object looks like
 AROUND_PX = 6  # of where a pixel came from in which its depth is looked up: that place is not known better
 
@@ -95,25 +95,13 @@ def before_the_scene(frames: np.ndarray, shown: np.ndarray, odd: np.ndarray) -> 
     ever `shown` (T, H, W) as background; bool (T, H, W)."""
     if not odd.any():
         return odd
-    behind = _weighted_lab(_scene_behind(frames, shown))
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(BACKGROUND_FRAMES, len(frames))).astype(int))
+    behind = _weighted_lab(scene_behind(frames[chosen], shown[chosen], least_share=SHOWN_SHARE))
     found = np.zeros_like(odd)
     for k in np.flatnonzero(odd.any((1, 2))):
         unlike = _mean_over(_difference(_weighted_lab(frames[k]), behind), odd[k])
         found[k] = odd[k] & solid(odd[k] & (unlike > STRANGE))
     return found
-
-
-def _scene_behind(frames: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Median of some frames where they show the background; the nearest known pixel where too few do, uint8 (H, W, 3)."""
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(BACKGROUND_FRAMES, len(frames))).astype(int))
-    known = shown[chosen].mean(0) > SHOWN_SHARE  # an arm over the object may pass for background for a while
-    if not known.any():
-        return np.zeros(frames.shape[1:], np.uint8)
-    scene = np.zeros(frames.shape[1:], np.float32)
-    seen = np.where(shown[chosen][:, known, None], frames[chosen][:, known].astype(np.float32), np.nan)
-    scene[known] = np.nanmedian(seen, 0)
-    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return scene[tuple(index)].astype(np.uint8)
 
 
 def _approach(pixels: np.ndarray, values: np.ndarray, window: tuple[slice, slice]) -> tuple[np.ndarray, float]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+
+from ..unseen import nearest_known
 
 WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a share of the root of the object's area
 LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness
@@ -49,8 +50,7 @@ def texture_free_chroma(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Chroma at medium lightness of the surface under the texture, float32 (H, W, 2)."""
     lab = cv2.cvtColor(frame.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     chroma = lab[..., 1:] * (MEDIUM_LIGHTNESS / (lab[..., :1] + 10))
-    index = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    inside = np.clip(chroma[tuple(index)] + 128, 0, 255).astype(np.uint8)
+    inside = np.clip(nearest_known(chroma, mask) + 128, 0, 255).astype(np.uint8)
     side = max(5, 2 * int(WINDOW_SHARE * np.sqrt(mask.sum()) / 2) + 1)
     return np.stack([cv2.medianBlur(np.ascontiguousarray(inside[..., i]), side) for i in (0, 1)], -1).astype(np.float32) - 128
 
@@ -61,8 +61,7 @@ def one_piece_each(parts: np.ndarray) -> np.ndarray:
     for part in np.setdiff1d(np.unique(parts), 0):
         _, regions, stats, _ = cv2.connectedComponentsWithStats((parts == part).astype(np.uint8), connectivity=4)
         kept[regions == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])] = part
-    index = distance_transform_edt(kept == 0, return_distances=False, return_indices=True)
-    return np.where(parts > 0, kept[tuple(index)], 0).astype(np.uint8)
+    return np.where(parts > 0, nearest_known(kept, kept > 0), 0).astype(np.uint8)
 
 
 def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray | None:

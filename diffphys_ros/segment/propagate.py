@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from ..correspondence import Matching, normalised, seed_points, track_pixels
 from ..types import IGNORE
+from ..unseen import nearest_known
 from .colour import settle_by_colour
 from .interpolate import interpolated_sources
 from .occlude import ColourWitness, DepthWitness, before_the_scene
@@ -82,8 +82,7 @@ def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray, hidd
     known = _object(by_flow) & inside
     if not known.any():
         return np.where(ignored, IGNORE, by_flow).astype(np.uint8)
-    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.where(ignored, IGNORE, np.where(inside, by_flow[tuple(nearest)], 0)).astype(np.uint8)
+    return np.where(ignored, IGNORE, np.where(inside, nearest_known(by_flow, known), 0)).astype(np.uint8)
 
 
 def _object(labels: np.ndarray) -> np.ndarray:

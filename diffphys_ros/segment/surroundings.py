@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..config import Settings
 from ..types import Clip
+from ..unseen import nearest_known
 from .regions import disc, pixel_grid
 
 STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends
@@ -34,8 +34,7 @@ def reachable(clip: Clip, core: np.ndarray, settings: Settings) -> np.ndarray:
 def _without_holes(depth: np.ndarray) -> np.ndarray:
     if not (depth > 0).any():
         return np.ones_like(depth)
-    index = distance_transform_edt(depth <= 0, return_distances=False, return_indices=True)
-    return depth[tuple(index)]
+    return nearest_known(depth, depth > 0)
 
 
 def _joined(depth: np.ndarray, core: np.ndarray) -> np.ndarray:

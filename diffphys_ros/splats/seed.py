@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter, median_filter
+from scipy.ndimage import gaussian_filter, median_filter
 
 from ..errors import InputError
 from ..types import Camera
+from ..unseen import nearest_known
 
 COARSEST_PX = 4  # side of the largest block where the count allows it; a power of two
 BLOCKS_DB = 32.0  # nearness of the first blocks' flat colours to the picture, where the count is chosen
@@ -156,8 +157,7 @@ def _fill(depth: np.ndarray, mask: np.ndarray) -> np.ndarray:
     known = mask & np.isfinite(depth) & (depth > 0)
     if not known.any():
         raise InputError("depth: is 0 or not finite on the whole mask; give depths [m] for at least a part of the object")
-    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return depth[tuple(nearest)].astype(float)
+    return nearest_known(depth, known).astype(float)
 
 
 def _facing(normal: np.ndarray, rays: np.ndarray) -> np.ndarray:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 
 from ..errors import InputError
 from ..losses import foreground, image_loss
 from ..types import Camera
+from ..unseen import nearest_known
 
 ALPHA_WEIGHT = 1.0  # of the squared difference between alpha and mask
 
@@ -59,7 +59,7 @@ def without(image: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """Image (H, W, 3) with each hidden pixel (H, W) replaced by the nearest other; black where all are hidden."""
     if hidden.all():
         return np.zeros_like(image)
-    return image[tuple(distance_transform_edt(hidden, return_distances=False, return_indices=True))]
+    return nearest_known(image, ~hidden)
 
 
 def picture_loss(
