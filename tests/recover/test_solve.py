@@ -7,9 +7,11 @@ import pytest
 
 from diffphys_ros.config import build, flat
 from diffphys_ros.errors import InputError
-from diffphys_ros.particles import fill, fit_grid
+from diffphys_ros.particles import dense_points, fill, fit_grid
 from diffphys_ros.recover import Checkpoint, solve
 from diffphys_ros.recover.calibrate import measure_apparent, motion_share
+from diffphys_ros.recover.forward import discretise
+from diffphys_ros.recover.plan import make_plan
 
 from .conftest import YOUNG, make_body
 
@@ -155,3 +157,20 @@ def test_a_start_without_force_is_posed_and_the_search_finds_the_gust(prepared, 
     still = dataclasses.replace(prepared, start=dataclasses.replace(prepared.start, force=np.zeros_like(prepared.start.force)))
     _, recovery = drive(solve(still, None, build(flat(quick_settings) | {"fit.iterations": 4})))
     assert recovery.metrics["track_rms_refined_m"] < 0.3 * recovery.metrics["track_rms_start_m"]
+
+
+def test_particles_taken_from_gaussians_are_laid_out_and_their_stiffness_is_measured(prepared):
+    front = np.stack(np.meshgrid(np.arange(0.0025, 0.3, 0.005), np.arange(-0.0475, 0.05, 0.005), [0.05]), -1).reshape(-1, 3)
+    dense = dense_points(prepared.body, front)
+    settings = build({"particles.downsample_ratio": 0.03})
+    plan = make_plan(prepared.body, YOUNG, frames=13, period_s=1 / 30, settings=settings, device="cpu", dense=len(dense.x))
+    disc = discretise(prepared, plan, device="cpu", dense=dense)
+    own = disc.particles.own
+    assert len(own) == pytest.approx(0.03 * len(dense.x), rel=0.02)
+    assert disc.particles.mass[own].sum() == pytest.approx(600 * prepared.body.volume_m3, rel=1e-9)
+    assert disc.apparent == pytest.approx(0.96, abs=0.06)
+
+
+def test_a_share_of_gaussians_is_refused_where_there_are_none(prepared):
+    with pytest.raises(InputError, match=r"particles.downsample_ratio: there are 0 Gaussians"):
+        drive(solve(prepared, None, build({"particles.downsample_ratio": 0.01})))
