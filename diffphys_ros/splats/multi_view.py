@@ -20,8 +20,8 @@ from .view import View, check_views, picture_loss
 MARGIN_PX = 8  # of the rendered window around the object
 GROW_AT = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # shares of the iterations after which Gaussians are pruned and grow in number
 ASKED = 16  # most views that say where the pictures are wrong
-RATES = {"offset": 0.1, "log_scale": 0.04, "rotation": 0.04, "logit": 0.1, "color": 0.02}  # Adam steps [size, -, -, -, -]
-NEAR_RATE = 0.3  # of the steps where the start is near
+RATES = {"offset": 0.2, "log_scale": 0.06, "rotation": 0.06, "logit": 0.15, "color": 0.03}  # Adam steps [size, -, -, -, -]
+NEAR_RATE = 0.2  # of the steps where the start is near
 LAST_RATE = 0.05  # of the steps at the end over those at the start
 SIDES = 2  # of an object, of which one view sees one
 TOGETHER = {"cpu": 1, "cuda": 4}  # most views in one step, where they share a camera
