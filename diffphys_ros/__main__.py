@@ -20,6 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit status: 0 done, 2 bad input, 130 interrupted."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch are imported: the tensors are small, threads cost more than they give
+    options = argparse.Namespace(command="")
     try:
         options = _parse(list(sys.argv[1:] if arguments is None else arguments))
         return options.run(options) or 0
@@ -27,7 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"diffphys: {error}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:
-        print("diffphys: interrupted; `--resume` goes on from the last checkpoint", file=sys.stderr)
+        again = "the same command goes on from there" if options.command == "capture" else "`--resume` goes on from the last checkpoint"
+        print(f"diffphys: interrupted; {again}", file=sys.stderr)
         return INTERRUPTED
 
 

@@ -17,7 +17,8 @@ COLLINEAR = 1e-3  # second over first singular value of positions that lie in a 
 
 
 def scale_of(reference_m: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
-    """Metres per unit from depths [m] (P,) and those of the reconstruction (P,), by the median; and its standard error as a share.
+    """Metres per unit from depths [m] (P,) and those of the reconstruction (P,), by the median; and the ratios' spread (a standard
+    deviation, from the median deviation) as a share.
 
     Raises InputError for fewer than LEAST_DEPTHS that are known in both.
     """
@@ -29,8 +30,7 @@ def scale_of(reference_m: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
         )
     ratio = np.log(reference_m[known] / depth[known])
     middle = float(np.median(ratio))
-    spread = 1.4826 * float(np.median(np.abs(ratio - middle)))
-    return float(np.exp(middle)), spread / np.sqrt(known.sum())
+    return float(np.exp(middle)), 1.4826 * float(np.median(np.abs(ratio - middle)))
 
 
 def onto_camera(found: Camera, known: Camera, scale: float) -> np.ndarray:

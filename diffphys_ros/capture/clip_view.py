@@ -47,8 +47,9 @@ def world_of(structure: Structure, shot: Shot, depth: np.ndarray, clip: Clip, se
     """The clip's world. Its scale is that of the depth topic at sparse points, on the object where it shows enough of them; without
     a topic that of the clamp or the known size (`depth.inflate`) where the object's depth (H, W) is known."""
     if clip.depth is not None:
-        scale, error = scale_of(*_at_points(structure, shot, clip))
-        words = f"{DEPTH_TOPIC}, to {100 * error:.2g} %"
+        measured, found = _at_points(structure, shot, clip)
+        scale, spread = scale_of(measured, found)
+        words = f"{DEPTH_TOPIC} at {int((measured > 0).sum())} points that agree to {100 * spread:.2g} %"
     else:
         assert clip.labels is not None
         reference, source = inflated_depth(clip, foreground(clip.labels[0]), settings)

@@ -15,11 +15,15 @@ NEIGHBOURS = 6  # pictures that a depth is read from
 ANGLE_DEG = (3.0, 35.0)  # between two lines of sight: less tells no depth, more looks too different
 BEST_ANGLE_DEG = 12.0
 WINDOW_PX = 9  # side of the windows that are compared
+LEAST_WINDOW = 0.4  # share of a window that must lie on the object
 STEP_PX = 0.6  # shift of the most distant neighbour from one plane to the next
 MOST_PLANES = 256
 LEAST_SCORE = 0.55  # correlation from which a depth is believed
 RANGE_MARGIN = 0.15  # of the sparse points' inverse depths, added at both ends
 CONTRAST = 1.0  # grey levels: standard deviation of a window that holds texture
+SPECK = 0.02  # share of the object: smaller pieces that hang together are errors
+STEP_PLANES = 2  # planes between neighbouring pixels of one piece
+SUBSTEPS = 64  # in which the place between two planes is counted
 PLANE_RADIUS_PX = 4  # half side of the planes that smooth the depth
 
 
@@ -42,7 +46,7 @@ def swept_depth(reference: Shot, others: Sequence[Shot], points: np.ndarray, mas
     left, top, right, bottom = box = _box(mask)
     here, greys = _Patch.of(reference, mask, box), [_grey(other) for other in chosen]
     score = np.stack([_agreement(here, greys, [_homography(reference, o, value) for o in chosen], chosen, box) for value in inverse])
-    depth[top:bottom, left:right] = _peak(score, inverse)
+    depth[top:bottom, left:right] = _peak(score, inverse, round(SPECK * np.count_nonzero(mask)))
     return _smoothed(np.where(mask & reference.valid, depth, 0.0).astype(np.float32))
 
 
@@ -119,12 +123,13 @@ class _Patch:
         return cls(grey, weight, total, mean, _sum(weight * grey * grey) / total - mean**2)
 
     def correlation(self, other: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Normalised cross-correlation of windows (h, w) with another image, -1 where that is unknown, near 0 without texture."""
+        """Normalised cross-correlation of windows (h, w) with another image, -1 where that or most of the window is unknown, near 0
+        without texture."""
         there = self.weight * other
         mean, square, product = (_sum(image) / self.total for image in (there, there * other, there * self.grey))
         variance = np.maximum(self.variance, 0) * np.maximum(square - mean**2, 0)
         value = (product - mean * self.mean) / np.sqrt(np.maximum(variance, CONTRAST**4))
-        return np.where(known, value, -1.0).astype(np.float32)
+        return np.where(known & (self.total > LEAST_WINDOW), value, -1.0).astype(np.float32)
 
 
 def _agreement(
@@ -152,15 +157,18 @@ def _sum(image: np.ndarray) -> np.ndarray:
     return cv2.blur(image, (WINDOW_PX, WINDOW_PX))
 
 
-def _peak(score: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Depth (h, w) at the best of the planes (D,), between them by a parabola; 0 where none agrees or the best is the first or last."""
+def _peak(score: np.ndarray, inverse: np.ndarray, speck: int) -> np.ndarray:
+    """Depth (h, w) at the best of the planes (D,), between them by a parabola; 0 where none agrees, the best is the first or last, or
+    fewer than `speck` pixels hang together without a step."""
     best = score.argmax(0)
     inner = np.clip(best, 1, len(inverse) - 2)
     before, at, after = (np.take_along_axis(score, (inner + k)[None], 0)[0] for k in (-1, 0, 1))
     bend = before - 2 * at + after
     offset = np.where(bend < -1e-6, 0.5 * (before - after) / np.where(bend < -1e-6, bend, -1.0), 0.0)
-    value = inverse[0] + (inverse[1] - inverse[0]) * (inner + np.clip(offset, -0.5, 0.5))
-    return np.where((at > LEAST_SCORE) & (best == inner), 1 / value, 0.0)
+    place = inner + np.clip(offset, -0.5, 0.5)
+    steps = np.where((at > LEAST_SCORE) & (best == inner), np.round(SUBSTEPS * place), -1).astype(np.int16)
+    cv2.filterSpeckles(steps, -1, speck, SUBSTEPS * STEP_PLANES)
+    return np.where(steps >= 0, 1 / (inverse[0] + (inverse[1] - inverse[0]) * place), 0.0)
 
 
 def _smoothed(depth: np.ndarray) -> np.ndarray:

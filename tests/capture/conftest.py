@@ -55,6 +55,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     cameras, clip_camera = room.around(9, 150.0), room.camera_from(8.0, 18.0)
     images = room.write_pictures(folder / "images", cameras)
     clip = room.write_clip(folder / "clip.mcap", clip_camera)
-    settings = settings_of(capture__max_gaussians=1800, splats__view_iterations=24)
+    settings = settings_of(capture__max_gaussians=2000, splats__view_iterations=3)
     capture, _ = run(reconstruct(images, folder / "out", settings, clip))
     return Made(images, clip, folder / "out", settings, cameras, clip_camera, capture)

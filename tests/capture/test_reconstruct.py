@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from diffphys_ros.capture import load, reconstruct
 from diffphys_ros.capture.pictures import CLIP_NAME
 from diffphys_ros.depth.capture import read_clip_view
+from diffphys_ros.depth.scale import _extent_at_unit_depth
 from diffphys_ros.errors import InputError
 from diffphys_ros.splats import ply
 from diffphys_ros.types import Camera
@@ -152,6 +154,28 @@ def test_known_positions_give_scale_and_world(made: Made, tmp_path: Path) -> Non
     found = dict(zip(capture.names, capture.cameras, strict=True))
     assert max(np.linalg.norm(found[f"{name}.png"].position - position) for name, position in at.items()) < 0.01
     assert read_clip_view(tmp_path / "out").camera.world_frame_id == "capture"
+
+
+def test_a_bare_video_gets_its_focal_length_from_the_pictures_and_its_scale_from_a_known_size(made: Made, tmp_path: Path) -> None:
+    image, true, mask = room.picture(made.clip_camera)
+    for name in ("0.png", "1.png"):
+        write_png(tmp_path / "clip" / name, image)
+    write_png(tmp_path / "mask.png", np.repeat(np.where(mask, 255, 0).astype(np.uint8)[..., None], 3, -1))
+    distance = float(np.median(true[mask]))
+    known = {"camera.fps": 30.0, "scene.first_mask": str(tmp_path / "mask.png"), "scene.size_m": _extent_at_unit_depth(made.clip_camera, mask) * distance}
+    settings = settings_of(topics__mask=None, scene__thickness_axis=None, **{name.replace(".", "__"): value for name, value in known.items()})
+    capture, _ = run(reconstruct(made.images, tmp_path / "out", settings, tmp_path / "clip"))
+    view, found = read_clip_view(tmp_path / "out"), dict(zip(capture.names, capture.cameras, strict=True))
+    assert capture.scale.startswith("size_m")
+    assert view.camera.focal_px == pytest.approx(room.FOCAL, rel=0.03)  # a guess of 50 degrees would be 343 px
+    assert not view.camera.pose_known
+    span = np.linalg.norm(found["view_00.png"].position - found["view_08.png"].position)
+    assert span == pytest.approx(np.linalg.norm(made.cameras[0].position - made.cameras[8].position), rel=0.05)
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(exist_ok=True)
+    assert cv2.imwrite(str(path), image[..., ::-1])
 
 
 def test_a_clip_of_something_else_is_refused(made: Made, tmp_path: Path) -> None:
