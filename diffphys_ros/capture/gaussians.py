@@ -16,6 +16,7 @@ from .views import Shot
 
 ON_SURFACE = 0.02  # share of the depth by which a seed may lie off the surface of frame 0
 LINK = 0.04  # share of the object's extent up to which two points belong together
+THROUGH = 0.4  # the same where its front and its back may show points and its sides none
 FAR = 3.0  # quantile distances from the middle beyond which sparse points start no Gaussian
 
 
@@ -39,7 +40,7 @@ def _near(points: np.ndarray) -> np.ndarray:
     return distance <= FAR * np.quantile(distance, 0.9)
 
 
-def part_of_object(points: np.ndarray, camera: Camera, mask: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def part_of_object(points: np.ndarray, camera: Camera, mask: np.ndarray, depth: np.ndarray, *, link: float = LINK) -> np.ndarray:
     """Which points (N, 3) [m, world] are the object that frame 0 shows, bool (N,).
 
     Those behind the mask (H, W), of them the ones that hang together with the visible surface, whose depth (H, W) [m, 0 where unknown]
@@ -54,8 +55,8 @@ def part_of_object(points: np.ndarray, camera: Camera, mask: np.ndarray, depth: 
     seeds = (front > 0) & (np.abs(z[chosen] - front) < ON_SURFACE * np.maximum(front, 1e-9))
     found = np.zeros(len(points), bool)
     if seeds.any():
-        link = LINK * float(np.linalg.norm(np.ptp(points[chosen][seeds], axis=0)))
-        pairs = cKDTree(points[chosen]).sparse_distance_matrix(cKDTree(points[chosen]), link)
+        reach = link * float(np.linalg.norm(np.ptp(points[chosen][seeds], axis=0)))
+        pairs = cKDTree(points[chosen]).sparse_distance_matrix(cKDTree(points[chosen]), reach)
         group = connected_components(pairs, directed=False)[1]
         found[chosen[np.isin(group, np.unique(group[seeds]))]] = True
     return found

@@ -22,7 +22,7 @@ from . import folder as places
 from .align import read_positions
 from .clip_view import SURFACE, World, in_world, object_depth, place_clip, unknown_world, world_of, world_of_positions
 from .folder import Capture
-from .gaussians import part_of_object, pick, scene_gaussians
+from .gaussians import THROUGH, part_of_object, pick, scene_gaussians
 from .pictures import CLIP_NAME, Picture, pictures_of
 from .structure import (
     EXHAUSTIVE_UP_TO,
@@ -188,7 +188,7 @@ def _write(work: Path, structure: Structure, seen: _Seen | None, world: World, s
         camera, depth = in_world(seen.shot, seen.clip, world), (scale * seen.depth).astype(np.float32)
         capture = _with_object(work, capture, seen, camera, depth, splats)
         axis = np.array(settings.scene.thickness_axis or camera.world_from_camera[:3, 2], float)
-        thickness, note = _thickness(structure, points, cameras, camera, part_of_object(points, camera, seen.mask, depth), axis)
+        thickness, note = _thickness(structure, capture, camera, seen.mask, depth, axis)
         capture = replace(capture, notes=(*capture.notes, note))
         view = ClipView(seen.taken, camera, seen.distortion, depth, SURFACE, world.scale, thickness, axis)
         store.write_arrays(work / FILE, view.arrays())
@@ -228,8 +228,10 @@ def _with_object(work: Path, capture: Capture, seen: _Seen, camera: Camera, dept
 
 
 def _thickness(
-    structure: Structure, points: np.ndarray, cameras: tuple[Camera, ...], clip_camera: Camera, chosen: np.ndarray, axis: np.ndarray
+    structure: Structure, capture: Capture, camera: Camera, mask: np.ndarray, depth: np.ndarray, axis: np.ndarray
 ) -> tuple[float, str]:
-    """Extent [m] of the object's sparse points, those `chosen` (N,), along a world axis, and how it is known; else NaN."""
-    shown = [np.isin(np.flatnonzero(chosen), placed.seen) for placed in structure.placed]
-    return thickness_along(axis, points[chosen], shown, cameras, clip_camera)
+    """Extent [m] of the object's sparse points along a world axis, and how it is known; NaN where it is not."""
+    around = np.flatnonzero(part_of_object(capture.points, camera, mask, depth, link=THROUGH))
+    surface = part_of_object(capture.points, camera, mask, depth)[around]
+    shown = [np.isin(around, placed.seen) for placed in structure.placed]
+    return thickness_along(axis, capture.points[around], surface, shown, capture.cameras, camera)

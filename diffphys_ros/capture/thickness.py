@@ -15,22 +15,24 @@ OUTER = 0.9  # quantile of the heights that counts as the level of a face: speck
 
 
 def thickness_along(
-    axis: np.ndarray, points: np.ndarray, seen_by: Sequence[np.ndarray], cameras: Sequence[Camera], clip_camera: Camera
+    axis: np.ndarray, points: np.ndarray, surface: np.ndarray, seen_by: Sequence[np.ndarray], cameras: Sequence[Camera], clip_camera: Camera
 ) -> tuple[float, str]:
     """Largest extent [m] of the object along a world axis (3,), and how it is known; NaN where the pictures do not tell.
 
     Args:
-        points: of the object [m], shape (N, 3).
-        seen_by: per camera which points it shows, bool (N,). The front's level comes from points that cameras before it show, the
-            back's from points that cameras behind it show: from the front alone an object has no thickness.
+        points: of the object, perhaps with some of the scene behind it [m], shape (N, 3).
+        surface: which of them hang together with what frame 0 shows of the object, bool (N,).
+        seen_by: per camera which points it shows, bool (N,). The front's level comes from points of the surface that cameras before it
+            show, the back's from points that cameras behind it show and none before it: those of the scene behind are seen from before.
         cameras: that took the pictures. clip_camera: that of the clip, which says where the front is.
     """
-    middle = np.median(points, 0) if len(points) else np.zeros(3)
+    middle = np.median(points[surface], 0) if surface.any() else np.zeros(3)
     unit = axis / np.linalg.norm(axis)
     unit = unit * np.sign((clip_camera.position - middle) @ unit or 1.0)
     towards = np.array([camera.position for camera in cameras]) - middle
     cosine = towards @ unit / np.linalg.norm(towards, axis=1)
-    front, back = (_shown(seen_by, chosen, len(points)) for chosen in (cosine > BEFORE, cosine < BEHIND))
+    before, behind = (_shown(seen_by, chosen, len(points)) for chosen in (cosine > BEFORE, cosine < BEHIND))
+    front, back = surface & before, behind & ~before
     if min(front.sum(), back.sum()) < LEAST_POINTS:
         return np.nan, f"thickness not measured: {int(back.sum())} points of the object are seen from behind, {LEAST_POINTS} are needed"
     height = points @ unit

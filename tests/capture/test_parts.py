@@ -90,10 +90,17 @@ def test_the_thickness_is_that_between_points_seen_from_before_and_from_behind()
     points = surface_points(rng, 600) + 3e-4 * rng.normal(size=(600, 3))
     cameras = [room.camera_from(a, 15) for a in (0, 40, 140, 180)]
     seen = [np.abs(room.trace(c, c.project(points)[0])[1] - c.project(points)[1]) < 2e-3 for c in cameras]
-    extent, words = thickness_along(np.array([0.0, 2.0, 0.0]), points, seen, cameras, cameras[0])
+    surface = np.ones(600, bool)
+    extent, words = thickness_along(np.array([0.0, 2.0, 0.0]), points, surface, seen, cameras, cameras[0])
     assert extent == pytest.approx(0.06, abs=0.002)
     assert "seen from behind" in words
-    front, words = thickness_along(np.array([0.0, 1.0, 0.0]), points, seen[:2], cameras[:2], cameras[0])
+    wall = np.random.default_rng(4).uniform((-0.2, 0.2, 0), (0.2, 0.25, 0.1), (200, 3))  # behind the object, seen from both sides
+    both, ones = np.concatenate([points, wall]), np.ones(200, bool)
+    again, _ = thickness_along(
+        np.array([0.0, 2.0, 0.0]), both, np.concatenate([surface, ~ones]), [np.concatenate([s, ones]) for s in seen], cameras, cameras[0]
+    )
+    assert again == extent
+    front, words = thickness_along(np.array([0.0, 1.0, 0.0]), points, surface, seen[:2], cameras[:2], cameras[0])
     assert np.isnan(front)
     assert "not measured" in words
 
