@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,7 +28,7 @@ from .tail import DETUNED, RATIO_SD, STEP, Physics, differences
 LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part: the search begins
 # where a gradual change and a jump hardly differ, and ends at the last
 CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all
-ANY_BORDER = 0.5  # standard deviation of such a difference for the spread that is reported: every border may be one of materials
+GRADUAL = 0.5  # standard deviation of the difference of log E between neighbours where stiffness changes all along
 SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins
 FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans
@@ -81,9 +82,9 @@ def zone_values(
     physics, modal = fit.settled(physics, lambda modal: fit.whole_misfit(modal, family, footprint))
     misfit = fit.whole_misfit(modal, family, footprint)
     excess = misfit.excess(physics)
-    sd = np.sqrt(fit.variance(misfit, physics) + _outside_variance(body, tracks, division, settings)) / np.log(10)
+    variance, precision = fit.told(misfit, physics)
+    sd = np.sqrt(variance + _outside_variance(body, tracks, division, settings)) / np.log(10)
     sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
-    precision = fit.precision(misfit, physics)
     modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
     values = fit.evidence.values(physics, modal, family, footprint)
     return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
@@ -170,20 +171,27 @@ class _ZoneFit:
         found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=STEPS, ftol=1e-4)
         return float(found.cost), Physics.of(found.x, self.division.count)
 
-    def _covariance(self, misfit: _Misfit, physics: Physics, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Of log E (K, K) by Gauss-Newton under a prior, damping and detuning left open."""
+    def told(self, misfit: _Misfit, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+        """Variance (K,) and inverse covariance (K, K) of log E by Gauss-Newton, damping and detuning left open. The inverse
+        covariance is that under the Cauchy prior; the variance allows that stiffness changes gradually all along, or that any
+        one border is one of materials unseen."""
         vector, count = physics.vector(), self.division.count
-        data = differences(lambda v: misfit.of(Physics.of(v, count)), vector)
-        prior = differences(lambda v: self.prior(v, inside), vector)
-        return np.linalg.inv(data.T @ data / misfit.excess(physics) + prior.T @ prior)[:count, :count]
+        slope = differences(lambda v: misfit.of(Physics.of(v, count)), vector)
+        data = slope.T @ slope / misfit.excess(physics)
 
-    def variance(self, misfit: _Misfit, physics: Physics) -> np.ndarray:
-        """Of log E per zone, (K,), if every border may be one between materials."""
-        return np.diag(self._covariance(misfit, physics, lambda difference: difference / ANY_BORDER))
+        def covariance(inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+            prior = differences(lambda v: self.prior(v, inside), vector)
+            return np.linalg.inv(data + prior.T @ prior)[:count, :count]
 
-    def precision(self, misfit: _Misfit, physics: Physics) -> np.ndarray:
-        """Inverse covariance of log E (K, K) under the Cauchy prior."""
-        return np.linalg.inv(self._covariance(misfit, physics, lambda difference: cauchy(difference, LEVELS[-1])))
+        likely = covariance(partial(_loosened, border=-1))
+        unseen = [covariance(partial(_loosened, border=k)) for k in range(len(self.division.neighbours))]
+        gradual = covariance(lambda difference: difference / GRADUAL)
+        return np.max([np.diag(c) for c in (likely, gradual, *unseen)], axis=0), np.linalg.inv(likely)
+
+
+def _loosened(difference: np.ndarray, border: int) -> np.ndarray:
+    """The Cauchy prior at the scale of the end, but one border (-1: none) as if two materials met there."""
+    return np.where(np.arange(len(difference)) == border, difference / RATIO_SD, cauchy(difference, LEVELS[-1]))
 
 
 def cauchy(difference: np.ndarray, scale: float) -> np.ndarray:
