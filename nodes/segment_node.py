@@ -11,6 +11,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
+from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera
 
@@ -53,17 +54,17 @@ class SegmentNode(ClipStage):
 
     def job(self) -> Job:
         buffer, settings, told = self.buffer, self.parameters.settings(), dict(self.told)
-        parameters = self.parameters
 
         def label() -> Generator[str, None, list[Any]]:
+            from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = buffer.clip(), settings
+            clip, chosen = placed(buffer.clip(), settings)
             if CLICK in told:
-                chosen = parameters.settings({"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
+                chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:
                 clip = replace(clip, first_labels=labels_of(told[FIRST_MASK], FIRST_MASK))
-                chosen = parameters.settings({"scene.first_mask": None, "segment.method": "given"})
+                chosen = changed(chosen, {"scene.first_mask": None, "segment.method": "given"})
             yield f"labelling {len(clip)} frames"
             return list(mask_messages(clip.with_labels(label_clip(clip, chosen)), slot_stamps(clip, buffer.stamps())))
 
@@ -77,6 +78,11 @@ class SegmentNode(ClipStage):
         for name, fields in masks:
             self.send(name, fields)
         self.get_logger().info(f"published {len(masks)} label images")
+
+
+def changed(settings: config.Settings, values: dict[str, Any]) -> config.Settings:
+    """Settings with some values in place of theirs, checked. Raises InputError."""
+    return config.build(config.flat(settings) | values, f"topics {CLICK} and {FIRST_MASK}")
 
 
 def pixel_of(click: Any, camera: Camera) -> np.ndarray:

@@ -29,12 +29,12 @@ class SplatNode(ClipStage):
         buffer, settings = self.buffer, self.parameters.settings()
 
         def fit() -> Generator[Any, None, dict[str, Any]]:
-            from diffphys_ros.depth import surface_depth
+            from diffphys_ros.depth import placed, surface_depth
             from diffphys_ros.recover import fit_gaussians
 
-            clip = buffer.clip()
-            depth0, _ = surface_depth(clip, settings)
-            splats = yield from fit_gaussians(clip, depth0, settings)
+            clip, chosen = placed(buffer.clip(), settings)
+            depth0, _ = surface_depth(clip, chosen)
+            splats = yield from fit_gaussians(clip, depth0, chosen)
             return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)))
 
         return fit

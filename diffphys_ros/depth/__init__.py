@@ -2,6 +2,6 @@
 
 from .capture import registered
 from .scale import DepthSource
-from .surface import SOURCES, source_of, surface_depth
+from .surface import SOURCES, placed, source_of, surface_depth
 
-__all__ = ["SOURCES", "DepthSource", "registered", "source_of", "surface_depth"]
+__all__ = ["SOURCES", "DepthSource", "placed", "registered", "source_of", "surface_depth"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..config import Settings
 from ..types import IGNORE, Clip
-from .capture import captured_depth
+from .capture import captured_depth, registered
 from .inflate import inflated_depth
 from .network import network_depth
 from .plane import flat_depth
@@ -33,6 +33,12 @@ def surface_depth(clip: Clip, settings: Settings) -> tuple[np.ndarray, DepthSour
         raise ValueError("surface_depth needs clip.labels; run segment.label_clip first")
     mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE)
     return SOURCES[source_of(clip, settings)](clip, mask, settings)
+
+
+def placed(clip: Clip, settings: Settings) -> tuple[Clip, Settings]:
+    """The clip as every stage after reading takes it, and the settings: where the depth source is a capture, with the capture's camera,
+    without lens distortion and with the thickness measured there (see `registered`); else as they are."""
+    return registered(clip, settings) if source_of(clip, settings) == "capture" else (clip, settings)
 
 
 def source_of(clip: Clip, settings: Settings) -> str:

@@ -59,7 +59,7 @@ def check_clip(clip: Clip) -> None:
 
 def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepared]:
     """Labels, depth, tracks, body, start values. Yields news, returns Prepared."""
-    from ..depth import registered, source_of, surface_depth
+    from ..depth import placed, surface_depth
     from ..modes import start_values
     from ..modes.joint import joint_values
     from ..particles import build_body
@@ -69,8 +69,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
 
     check_clip(clip)
     law_to_fit(settings)
-    if source_of(clip, settings) == "capture":
-        clip, settings = registered(clip, settings)
+    clip, settings = placed(clip, settings)
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
     check_clip(clip)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from diffphys_ros.depth import registered, source_of, surface_depth
+from diffphys_ros.depth import placed, registered, source_of, surface_depth
 from diffphys_ros.depth.capture import FILE, ClipView, read_clip_view
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera, Clip
@@ -72,6 +72,14 @@ def test_depth_comes_from_the_capture_with_its_holes_filled(clip: Clip, tmp_path
 def test_a_depth_topic_goes_first_unless_the_capture_is_asked_for(clip: Clip, tmp_path: Path) -> None:
     assert source_of(clip, of(tmp_path)) == "topic"
     assert source_of(clip, of(tmp_path, depth__source="capture")) == "capture"
+
+
+def test_a_clip_is_placed_by_the_capture_only_where_that_is_the_depth_source(clip: Clip, tmp_path: Path) -> None:
+    write(tmp_path, clip)
+    settings = of(tmp_path, scene__thickness_m=None)
+    assert placed(clip, settings) == (clip, settings)
+    asked = of(tmp_path, scene__thickness_m=None, depth__source="capture")
+    assert placed(clip, asked)[1] == registered(clip, asked)[1] != asked
 
 
 def test_a_bare_video_gets_camera_pose_and_thickness(clip: Clip, tmp_path: Path) -> None:
