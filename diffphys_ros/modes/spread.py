@@ -13,13 +13,14 @@ from .mesh import narrowest_limb
 from .tail import Physics, Tail, differences, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
+OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
 DENSITY_CONTRAST = 0.15  # standard deviation of ln(density) of a part when only the mass of all is given
 
 
 def log10_young_sd(tail: Tail, physics: Physics, body: Body, tracks: Tracks, *, density_known: bool) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame,
     model error in every mode's frequency, priors), half a pixel of the silhouette, and the densities of parts of which only
-    the common mass is known."""
+    the common mass is known; OPEN_SD where a tail that the modes do not explain leaves more open than that."""
     vector, parts = physics.vector(), body.parts
     jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector) / tail.sigma_m
     prior = differences(lambda v: prior_residual(v, parts), vector)
@@ -29,7 +30,7 @@ def log10_young_sd(tail: Tail, physics: Physics, body: Body, tracks: Tracks, *, 
     variance = np.diag(covariance)[:parts] + outline_sd(body, tracks) ** 2
     if not density_known and parts > 1:
         variance += _density(tail, body) ** 2
-    return np.sqrt(variance) / np.log(10.0)
+    return np.minimum(np.sqrt(variance) / np.log(10.0), OPEN_SD)
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:
