@@ -76,10 +76,10 @@ class Checkpoint:
         if not self.resume or self.path is None:
             return None
         if not self.path.exists():
-            raise InputError(f"checkpoint {self.path}: there is none to resume from; leave out --resume to begin anew")
+            raise InputError(f"checkpoint {self.path}: there is none to resume from; leave out --resume (of fit_node: resume) to begin anew")
         z = store.read_arrays(self.path, "checkpoint")
         if str(z["key"]) != self._key or len(z["z"]) != size:
-            raise InputError(f"checkpoint {self.path}: belongs to another clip or other settings; repeat those, or leave out --resume")
+            raise InputError(f"checkpoint {self.path}: belongs to another clip or other settings; repeat those, or leave out --resume (of fit_node: resume)")
         state = Iterate(z["z"], float(z["value"]), z["gradient"], z["inverse"], int(z["iteration"]), int(z["flat"]), tuple(z["history"].tolist()))
         return Stored(state, z["captured"], Training.of(z) if "field_at" in z else None)
 
