@@ -168,13 +168,9 @@ def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> St
 
 
 def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
-    from diffphys_ros.recover import Judge, pick_device, prepare, refine_gaussians, solve
+    from diffphys_ros.recover import run
 
-    judge = Judge.of(settings, device=pick_device(settings))
-    prepared = yield from prepare(buffer.clip(), settings)
-    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
-    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings)
-    return prepared, splats, judge.judged(recovery, prepared)
+    return (yield from run(buffer.clip(), settings, splats=splats, checkpoint=checkpoint))
 
 
 def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:

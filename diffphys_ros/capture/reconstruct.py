@@ -15,7 +15,8 @@ from ..config import Settings
 from ..depth.capture import FILE, ClipView
 from ..errors import InputError
 from ..losses import foreground
-from ..recover.progress import Progress
+from ..recover import pick_device
+from ..recover.progress import Progress, told
 from ..splats import ply
 from ..types import Camera, Clip, Splats
 from . import folder as places
@@ -201,18 +202,7 @@ def _write(work: Path, structure: Structure, seen: _Seen | None, world: World, s
 def _gaussians(
     shots: list[Shot], cameras: tuple[Camera, ...], points: np.ndarray, colors: np.ndarray, settings: Settings
 ) -> Generator[Progress, None, Splats]:
-    import torch
-
-    device = settings.fit.device
-    if device == "auto":
-        device = "cuda:0" if torch.cuda.is_available() else "cpu"
-    steps = scene_gaussians(shots, cameras, points, colors, settings, device)
-    try:
-        while True:
-            iteration, iterations, loss = next(steps)
-            yield Progress("gaussians", iteration, iterations, loss)
-    except StopIteration as stop:
-        return stop.value
+    return (yield from told("gaussians", scene_gaussians(shots, cameras, points, colors, settings, pick_device(settings))))
 
 
 def _with_object(work: Path, capture: Capture, seen: _Seen, camera: Camera, depth: np.ndarray, splats: Splats | None) -> Capture:

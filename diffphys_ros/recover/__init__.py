@@ -10,7 +10,7 @@ from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
 from .judge import Judge
 from .prepare import Prepared, label, prepare
-from .progress import Progress
+from .progress import Progress, told
 from .refine import refine_gaussians
 from .solve import pick_device, solve
 
@@ -19,21 +19,28 @@ __all__ = ["Checkpoint", "Judge", "Prepared", "Progress", "fit_gaussians", "labe
 Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
 
 
-def run(source: Clip | str | Path, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
-    """Clip, or the path of a recording, in; fields out. Yields news, returns (Prepared, Splats, Recovery)."""
+def run(source: Clip | str | Path, settings: Settings, *, splats: Splats | None = None, checkpoint: Checkpoint | None = None) -> Steps:
+    """Clip, or the path of a recording, in; fields out. Gaussians of frame 0 are fitted where none are given. Yields news, returns
+    (Prepared, Splats, Recovery)."""
+    judge = Judge.of(settings, device=pick_device(settings))
     if not isinstance(source, Clip):
         from ..bags.read import read_clip
 
         yield Progress("reading", text=str(source))
         source = read_clip(source, settings)
     prepared = yield from prepare(source, settings)
-    return (yield from solve_prepared(prepared, settings, checkpoint=checkpoint))
+    return (yield from _solved(prepared, settings, judge, splats, checkpoint))
 
 
 def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
     """The part of the job that needs only torch, numpy, scipy and Warp."""
     judge = Judge.of(settings, device=pick_device(settings))
-    splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
+    return (yield from _solved(prepared, settings, judge, None, checkpoint))
+
+
+def _solved(prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None) -> Steps:
+    if splats is None:
+        splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
     recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings)
     return prepared, splats, judge.judged(recovery, prepared)
@@ -45,10 +52,6 @@ def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress,
 
     assert clip.labels is not None
     steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=pick_device(settings))
-    while True:
-        try:
-            iteration, iterations, loss = next(steps)
-        except StopIteration as stop:
-            yield Progress("splats", text=f"{len(stop.value.mean)} Gaussians", artefact=stop.value)
-            return stop.value
-        yield Progress("splats", iteration, iterations, loss)
+    splats = yield from told("splats", steps)
+    yield Progress("splats", text=f"{len(splats.mean)} Gaussians", artefact=splats)
+    return splats

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -17,3 +20,13 @@ class Progress:
     seconds_left: float | None = None
     text: str = ""  # one line for people
     artefact: Any = None  # what the stage made: StartValues, Splats, Recovery; None while under way
+
+
+def told(stage: str, steps: Generator[tuple[int, int, float], None, T]) -> Generator[Progress, None, T]:
+    """What steps return; their (iteration, iterations, loss) as news of a stage."""
+    while True:
+        try:
+            iteration, iterations, loss = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        yield Progress(stage, iteration, iterations, loss)

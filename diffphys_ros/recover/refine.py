@@ -17,7 +17,7 @@ from ..types import Clip, Recovery, Splats
 from .answer import nearness, shown_frames
 from .images import CHUNK, static_background
 from .prepare import Prepared
-from .progress import Progress
+from .progress import Progress, told
 from .solve import pick_device
 
 LEAST_STEPS = 40
@@ -37,7 +37,8 @@ def refine_gaussians(
     assert clip.labels is not None
     carried, background = CarriedGaussians(recovery, device), static_background(clip)
     views = [View(clip.frames[k], clip.camera, clip.labels[k], background, carried.motion(int(k))) for k in chosen]
-    refined = yield from _fitted(views, splats, settings, device)
+    steps = max(LEAST_STEPS, PASSES * len(views))
+    refined = yield from told("splats", fit_views(views, splats, settings, device, iterations=steps, near=True))
     shown, others = carried.frames(refined, clip, background), unfitted_frames(clip, chosen)
     judged = others if len(others) else shown_frames(clip)
     before, after = (mean_psnr(clip, frames, judged) for frames in (recovery.frames, shown))
@@ -66,16 +67,6 @@ def mean_psnr(clip: Clip, frames: np.ndarray, chosen: np.ndarray) -> float:
     """Masked PSNR [dB], mean over the chosen frames."""
     assert clip.labels is not None
     return float(np.mean([psnr_masked(frames[k], clip.frames[k], foreground(clip.labels[k])) for k in chosen]))
-
-
-def _fitted(views: list[View], splats: Splats, settings: Settings, device: str) -> Generator[Progress, None, Splats]:
-    steps = fit_views(views, splats, settings, device, iterations=max(LEAST_STEPS, PASSES * len(views)), near=True)
-    while True:
-        try:
-            iteration, iterations, loss = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield Progress("splats", iteration, iterations, loss)
 
 
 class CarriedGaussians:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import torch
 
 from .discs import Discs
+from .primitives import doubled
 
 MIN_OPACITY = 0.05  # more transparent discs go
 MIN_SHARE_PX = 0.05  # discs that cover less than so many pixels go
@@ -23,11 +24,7 @@ def prune_and_split(discs: Discs, error: torch.Tensor, cover: torch.Tensor, coun
     keep = (discs.logit.detach().sigmoid() > MIN_OPACITY) & (cover > MIN_SHARE_PX)
     if not bool(keep.any()):
         return discs
-    discs, error = discs.pick(keep), error[keep]
-    room = min(max(count - len(discs), 0), len(discs))
-    chosen = torch.zeros(len(discs), dtype=torch.bool, device=error.device)
-    chosen[torch.argsort(error, descending=True, stable=True)[:room]] = True
-    return discs.pick(~chosen).join(_halves(discs.pick(chosen)))
+    return doubled(discs.pick(keep), error[keep], count, _halves)
 
 
 def _halves(discs: Discs) -> Discs:

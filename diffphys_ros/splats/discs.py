@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
 from ..types import Camera, Splats
+from .primitives import Primitives
 from .seed import Blocks, Surface
 
 SIGMA_PER_SIDE = 0.5  # standard deviation of a new disc over the side of its block
@@ -19,8 +20,10 @@ Gaussians = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.
 
 
 @dataclass(frozen=True)
-class Discs:
+class Discs(Primitives):
     """G discs (torch, float32). One view says nothing of depth and tilt, so these stay as the depth image had them."""
+
+    FREE = ("pixel", "log_scale", "angle", "logit", "color")
 
     pixel: torch.Tensor  # centre [px], (G, 2)
     log_scale: torch.Tensor  # of the standard deviations in the plane [m], (G, 2)
@@ -30,26 +33,6 @@ class Discs:
     depth: torch.Tensor  # fixed [m], (G,)
     frame: torch.Tensor  # fixed: quaternion wxyz of the plane's axes, (G, 4)
     pixel_from_plane: torch.Tensor  # fixed: pixels per displacement along the plane's axes [px/m], (G, 2, 2)
-
-    @property
-    def unknowns(self) -> dict[str, torch.Tensor]:
-        """What the fit changes, by name."""
-        return {name: getattr(self, name) for name in ("pixel", "log_scale", "angle", "logit", "color")}
-
-    def __len__(self) -> int:
-        return len(self.pixel)
-
-    def pick(self, index: torch.Tensor) -> Discs:
-        """The discs at an index or mask, detached."""
-        return Discs(*(getattr(self, f.name).detach()[index] for f in fields(self)))
-
-    def join(self, other: Discs) -> Discs:
-        """These discs and then the others."""
-        return Discs(*(torch.cat([getattr(self, f.name).detach(), getattr(other, f.name).detach()]) for f in fields(self)))
-
-    def leaves(self) -> Discs:
-        """The same discs with fresh unknowns that require gradients."""
-        return replace(self, **{name: t.detach().clone().requires_grad_() for name, t in self.unknowns.items()})
 
 
 def discs_of(blocks: Blocks, surface: Surface, device: str) -> Discs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..types import Splats
+from .primitives import Primitives
 
 NEIGHBOURS = 3  # whose distance sizes a Gaussian of a point (Kerbl et al. 2023, 5.1)
 POINT_OPACITY = 0.5  # of a Gaussian of a point
@@ -17,8 +18,10 @@ OPACITY_RANGE = 1e-4, 1 - 1e-4  # keeps logits finite
 
 
 @dataclass(frozen=True)
-class Ellipsoids:
+class Ellipsoids(Primitives):
     """G Gaussians (torch, float32), world frame. A step of the mean counts in the Gaussian's own size."""
+
+    FREE = ("offset", "log_scale", "rotation", "logit", "color")
 
     offset: torch.Tensor  # of the mean from the anchor [size], (G, 3)
     log_scale: torch.Tensor  # of the standard deviations [m], (G, 3)
@@ -29,33 +32,16 @@ class Ellipsoids:
     size: torch.Tensor  # fixed [m], (G, 1)
 
     @property
-    def unknowns(self) -> dict[str, torch.Tensor]:
-        """What the fit changes, by name."""
-        return {name: getattr(self, name) for name in ("offset", "log_scale", "rotation", "logit", "color")}
-
-    @property
     def shift(self) -> torch.Tensor:
         """Of the means from their anchors [m], (G, 3)."""
         return self.offset * self.size
-
-    def __len__(self) -> int:
-        return len(self.anchor)
-
-    def pick(self, index: torch.Tensor) -> Ellipsoids:
-        """The Gaussians at an index or mask, detached."""
-        return Ellipsoids(*(getattr(self, f.name).detach()[index] for f in fields(self)))
-
-    def join(self, other: Ellipsoids) -> Ellipsoids:
-        """These Gaussians and then the others."""
-        return Ellipsoids(*(torch.cat([getattr(self, f.name).detach(), getattr(other, f.name).detach()]) for f in fields(self)))
 
     def leaves(self) -> Ellipsoids:
         """The same Gaussians, anchored where they are, with fresh unknowns that require gradients."""
         anchor = (self.anchor + self.shift).detach()
         size = self.log_scale.detach().mean(1, keepdim=True).exp()
         unit = torch.nn.functional.normalize(self.rotation.detach(), dim=1)
-        here = replace(self, offset=torch.zeros_like(anchor), rotation=unit, anchor=anchor, size=size)
-        return replace(here, **{name: t.detach().clone().requires_grad_() for name, t in here.unknowns.items()})
+        return super(Ellipsoids, replace(self, offset=torch.zeros_like(anchor), rotation=unit, anchor=anchor, size=size)).leaves()
 
 
 def from_points(points: np.ndarray, colors: np.ndarray) -> Splats:

@@ -16,6 +16,7 @@ from ..types import IGNORE, Camera, Splats
 from .density import prune_and_split
 from .discs import Discs, discs_of, gaussians, leaning, to_splats
 from .ply import canonical
+from .primitives import ShrinkingAdam
 from .seed import BLOCKS_DB, MOST, count_blocks, gather_blocks, surface_at
 from .view import picture_loss, without
 
@@ -106,28 +107,19 @@ def _optimise(discs: Discs, target: _Target, iterations: int, count: int) -> Gen
     iteration sees them in the order of a surface that leans some other way.
     """
     discs, rounds = discs.leaves(), {round(share * iterations) for share in SPLIT_AT}
-    optimizer, generator = _adam(discs, 1.0), torch.Generator().manual_seed(0)
+    descent, generator = ShrinkingAdam(RATES, last=LAST_RATE, iterations=iterations), torch.Generator().manual_seed(0)
+    descent.begin(discs)
     for iteration in range(iterations):
         if iteration in rounds:
             discs = prune_and_split(discs, *_contributions(discs, target), count)
             discs = _onto_depth(discs, target).leaves()
-            optimizer = _adam(discs, LAST_RATE ** (iteration / iterations))
+            descent.begin(discs, iteration)
         towards = 2 * torch.pi * float(torch.rand((), generator=generator))
         image, alpha, _ = target.render(leaning(discs, target.rasterizer.camera, LEAN, towards))
         loss = target.loss(image, alpha)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        with torch.no_grad():
-            discs.color.clamp_(0, 1)
-        for group in optimizer.param_groups:
-            group["lr"] *= LAST_RATE ** (1 / iterations)
+        descent.step(loss)
         yield iteration + 1, iterations, float(loss.detach())
     return discs
-
-
-def _adam(discs: Discs, share: float) -> torch.optim.Adam:
-    return torch.optim.Adam([{"params": [t], "lr": share * RATES[name]} for name, t in discs.unknowns.items()], eps=1e-15)
 
 
 def _contributions(discs: Discs, target: _Target) -> tuple[torch.Tensor, torch.Tensor]:

@@ -10,6 +10,7 @@ import torch
 
 from .density import MIN_OPACITY, MIN_SHARE_PX, SPLIT_OFFSET, SPLIT_SHRINK
 from .ellipsoids import Ellipsoids, rotated
+from .primitives import doubled
 
 LARGEST = 0.3  # standard deviation over the width of the picture from which a Gaussian is fog
 
@@ -23,14 +24,12 @@ def prune_and_grow(e: Ellipsoids, error: torch.Tensor, cover: torch.Tensor, spre
     keep = (e.logit.detach().sigmoid() > MIN_OPACITY) & (cover > MIN_SHARE_PX) & (spread < LARGEST)
     if not bool(keep.any()):
         return e
-    e, error = e.pick(keep), error[keep]
-    room = min(max(count - len(e), 0), len(e))
-    chosen = torch.zeros(len(e), dtype=torch.bool, device=error.device)
-    chosen[torch.argsort(error, descending=True, stable=True)[:room]] = True
-    return e.pick(~chosen).join(_doubled(e.pick(chosen), e.log_scale.amax(1).median())) if room else e
+    e = e.pick(keep)
+    middle = e.log_scale.amax(1).median()
+    return doubled(e, error[keep], count, lambda chosen: _two(chosen, middle))
 
 
-def _doubled(e: Ellipsoids, middle: torch.Tensor) -> Ellipsoids:
+def _two(e: Ellipsoids, middle: torch.Tensor) -> Ellipsoids:
     """Two Gaussians in the place of each, side by side along its longest axis: halves of those larger than the middle one, of the
     others two of the same size that together hide as much."""
     longest, axis = e.log_scale.max(1)

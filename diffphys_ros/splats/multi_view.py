@@ -14,6 +14,7 @@ from ..types import Camera, Splats
 from .ellipsoids import Ellipsoids, ellipsoids_of, product, rotated, to_splats
 from .growth import prune_and_grow
 from .ply import canonical
+from .primitives import ShrinkingAdam
 from .seed import BLOCKS_DB, MOST, count_blocks
 from .view import View, check_views, picture_loss
 
@@ -153,30 +154,21 @@ def _optimise(
     e: Ellipsoids, groups: list[_Group], settings: Settings, iterations: int, rounds: list[int], count: int, rate: float
 ) -> Generator[tuple[int, int, float], None, Ellipsoids]:
     """Adam with steps that shrink to LAST_RATE; Gaussians are pruned and grow towards count in rounds, after so many iterations."""
-    first, steps, optimizer = len(e), _order(groups, settings.fit.seed), _adam(e, rate)
+    first, steps, descent = len(e), _order(groups, settings.fit.seed), ShrinkingAdam(RATES, last=LAST_RATE, iterations=iterations, share=rate)
+    descent.begin(e)
     carried = [_Carried.of(group, e.anchor) for group in groups]
     for iteration in range(iterations):
         if iteration and iteration in rounds:
             share = (rounds.index(iteration) + 1) / len(rounds)
             error, cover, spread = _judged(e, groups, carried)
             e = prune_and_grow(e, error, cover, spread, count=round(first + share * (count - first))).leaves()
-            optimizer = _adam(e, rate * LAST_RATE ** (iteration / iterations))
+            descent.begin(e, iteration)
             carried = [_Carried.of(group, e.anchor) for group in groups]
         number, index = next(steps)
         loss = _loss(e, groups[number], carried[number], index, settings.fit.ssim_weight)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        with torch.no_grad():
-            e.color.clamp_(0, 1)
-        for rates in optimizer.param_groups:
-            rates["lr"] *= LAST_RATE ** (1 / iterations)
+        descent.step(loss)
         yield iteration + 1, iterations, float(loss.detach())
     return e
-
-
-def _adam(e: Ellipsoids, share: float) -> torch.optim.Adam:
-    return torch.optim.Adam([{"params": [t], "lr": share * RATES[name]} for name, t in e.unknowns.items()], eps=1e-15)
 
 
 def _order(groups: list[_Group], seed: int) -> Iterator[tuple[int, list[int]]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,17 @@ def make_prepared(gravity=(0.0, 0.0, 0.0), has_depth=True) -> Prepared:
     clip = Clip(np.zeros((FRAMES, 120, 160, 3), np.uint8), 0, PERIOD_S, camera, source="synthetic")
     tracks = make_tracks(body, modal, start, has_depth)
     return Prepared(clip, np.zeros((120, 160), np.float32), "none", tracks, body, start, modal)
+
+
+def as_one_part(prepared: Prepared, log10_young_sd: float) -> Prepared:
+    """The same motion, with a body in which nobody saw the boundary and a start at one modulus."""
+    body = replace(prepared.body, part=np.ones_like(prepared.body.part), density=np.array([600.0]), poisson=np.array([0.3]))
+    mean = np.array([1.7e5])
+    modal = modal_model(Elements.of(body), [mean], [8])
+    still = np.zeros(modal.modes)
+    one = {"young": mean, "log10_young_sd": np.array([log10_young_sd]), "identified": np.ones(1, bool), "reasons": ("seen",)}
+    start = replace(prepared.start, initial_displacement=still, initial_velocity=still, frequencies_hz=modal.frequencies(mean), **one)
+    return replace(prepared, body=body, modal=modal, start=start)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,6 @@ import torch
 
 from diffphys_ros.config import build, leaves
 from diffphys_ros.fields import FORCE_FIELDS, MATERIAL_FIELDS
-from diffphys_ros.modes.elements import Elements, modal_model
 from diffphys_ros.recover import Checkpoint, solve, train
 from diffphys_ros.recover.minimise import Iterate
 from diffphys_ros.recover.prepare import Prepared
@@ -21,7 +20,7 @@ from diffphys_ros.recover.train import FieldModel
 from diffphys_ros.recover.zones import zones_of
 from diffphys_ros.types import MaterialPrior
 
-from .conftest import YOUNG
+from .conftest import YOUNG, as_one_part
 from .test_solve import drive
 
 
@@ -36,22 +35,7 @@ def with_force(prepared: Prepared, share: float) -> Prepared:
 
 @pytest.fixture(scope="module")
 def one_part(prepared) -> Prepared:
-    """The two-part bar's motion, with a body in which nobody saw the boundary."""
-    body = dataclasses.replace(prepared.body, part=np.ones_like(prepared.body.part), density=np.array([600.0]), poisson=np.array([0.3]))
-    mean = np.array([1.7e5])
-    modal = modal_model(Elements.of(body), [mean], [8])
-    still = np.zeros(modal.modes)
-    start = dataclasses.replace(
-        prepared.start,
-        young=mean,
-        log10_young_sd=np.array([0.4]),
-        initial_displacement=still,
-        initial_velocity=still,
-        frequencies_hz=modal.frequencies(mean),
-        identified=np.ones(1, bool),
-        reasons=("seen",),
-    )
-    return dataclasses.replace(prepared, body=body, modal=modal, start=start)
+    return as_one_part(prepared, 0.4)
 
 
 def trained(problem: Problem):

@@ -10,12 +10,11 @@ import pytest
 
 from diffphys_ros import result
 from diffphys_ros.config import build
-from diffphys_ros.modes.elements import Elements, modal_model
 from diffphys_ros.recover import solve
 from diffphys_ros.recover.prepare import Prepared
 from diffphys_ros.recover.zones import WITHOUT_ELEMENTS, divided, zones_of
 
-from .conftest import YOUNG
+from .conftest import YOUNG, as_one_part
 from .test_solve import drive
 
 FIELD = build({
@@ -26,14 +25,7 @@ FIELD = build({
 
 @pytest.fixture(scope="module")
 def one_part(prepared) -> Prepared:
-    """The two-part bar's motion, with a body in which nobody saw the boundary and a start at one modulus."""
-    body = dataclasses.replace(prepared.body, part=np.ones_like(prepared.body.part), density=np.array([600.0]), poisson=np.array([0.3]))
-    mean = np.array([1.7e5])
-    modal = modal_model(Elements.of(body), [mean], [8])
-    still = np.zeros(modal.modes)
-    one = {"young": mean, "log10_young_sd": np.array([0.1]), "identified": np.ones(1, bool), "reasons": ("seen",)}
-    start = dataclasses.replace(prepared.start, initial_displacement=still, initial_velocity=still, frequencies_hz=modal.frequencies(mean), **one)
-    return dataclasses.replace(prepared, body=body, modal=modal, start=start)
+    return as_one_part(prepared, 0.1)
 
 
 @pytest.fixture(scope="module")
