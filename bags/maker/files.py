@@ -72,7 +72,7 @@ def _truth(name: str, body: Body, camera: Camera, motion: Motion, masks: np.ndar
     arrays |= {k: v.astype(np.float32) for k, v in single.items()}
     return arrays | {
         "name": name, "rest_vertices": bar.nodes, "tets": tets.astype(np.int32), "tet_part": body.tet_part.astype(np.int32),
-        "vertex_part": part.astype(np.int32), "interface": (bar.part_volume > 0).all(0), "clamped": bar.clamped,
+        "vertex_part": part.astype(np.int32), "interface": (bar.part_volume > 0).sum(0) > 1, "clamped": bar.clamped,
         "vertex_volume": bar.volume, "vertex_mass": bar.mass, "gravity": bar.gravity, "fps": FPS,
         "time": np.arange(len(masks)) / FPS, "damping_mass_alpha": 0.0, "damping_stiffness_beta": bar.stiffness_damping,
         # the implicit integrator damps like a stiffness-proportional damping of one time step
