@@ -92,7 +92,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         images.calibrate(forward.simulator.x_rest)
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
     prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale, precision=precision)
-    per_motion = weights.track_weight + (weights.image_weight if images else 0.0)
+    per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
