@@ -35,12 +35,15 @@ class Prior:
     # that it misses: modes that do not follow the swing do not have its frequency either
     DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
     FORCE, SMOOTH, MOTION = 1e-5, 3e-4, 1e-6
+    DOUBTFUL_FORCE = 5e-4  # in place of FORCE in frames that only a margin makes forced
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
+    def of(
+        cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None, doubtful: np.ndarray | None = None
+    ) -> Prior:
         """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
-        log E where more is known than the standard deviations."""
+        log E where more is known than the standard deviations. In `doubtful` frames (T,) a force is possible, but not expected."""
         n, count = layout.parts, len(layout.forced)
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
         sd = np.hypot(start.log10_young_sd, cls.MISSED * np.sqrt(start.track_cost))
@@ -49,7 +52,8 @@ class Prior:
         centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
-        per_frame = cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference
+        size = np.full(count, cls.FORCE) if doubtful is None else np.where(doubtful[layout.forced], cls.DOUBTFUL_FORCE, cls.FORCE)
+        per_frame = np.diag(size) + cls.SMOOTH * difference.T @ difference
         stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]

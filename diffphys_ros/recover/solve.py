@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 from ..config import Settings
 from ..fields import Layout
 from ..particles import DensePoints, dense_points
-from ..types import Body, Recovery, Splats
+from ..types import Body, Recovery, Splats, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint, Stored
 from .confidence import Confidence, Explained, of_simulation, of_start
@@ -77,7 +77,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         dense=0 if dense is None else len(dense.x),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
-    start = scaled_start(prepared.start, settings.fit.start_scale / disc.apparent)
+    start = scaled_start(with_wider_support(prepared.start), settings.fit.start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
@@ -91,20 +91,20 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale, precision=precision)
+    doubtful = start.forced & ~prepared.start.forced
+    prior = Prior.of(layout, start, start_scale=weights.start_scale, precision=precision, doubtful=doubtful)
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
 
 
-def with_wider_support(prepared: Prepared) -> Prepared:
-    """The clip with a margin of frames that may carry a force as well, where linear modes, which the forced frames were read from, miss much
-    of the motion."""
-    start = prepared.start
+def with_wider_support(start: StartValues) -> StartValues:
+    """Start values with a margin of frames that may carry a force as well, where linear modes, which the forced frames were read from, miss
+    much of the motion."""
     if start.track_cost <= MISSING**2 or not start.forced.any():
-        return prepared
-    return replace(prepared, start=replace(start, forced=binary_dilation(start.forced, iterations=MARGIN)))
+        return start
+    return replace(start, forced=binary_dilation(start.forced, iterations=MARGIN))
 
 
 def _dense(body: Body, splats: Splats | None) -> DensePoints:
@@ -137,7 +137,7 @@ def solve(
     checkpoint.bind(prepared.clip, settings)
     began = time.monotonic()
     zones = yield from zones_of(prepared, settings)
-    prepared = with_wider_support(divided(prepared, zones))
+    prepared = divided(prepared, zones)
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(pick_device(settings))
     problem = pose_problem(prepared, splats, settings)
