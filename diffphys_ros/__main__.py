@@ -1,4 +1,4 @@
-"""Command line: `diffphys recover | ingest | capture | score | settings`."""
+"""Command line: `diffphys recover | ingest | capture | simulate | score | settings`."""
 
 from __future__ import annotations
 
@@ -53,6 +53,15 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     capture.add_argument("images", type=Path, help="folder of images, video file, MCAP file or rosbag2 folder")
     capture.add_argument("--clip", type=Path, help="the clip whose object this is: its frame 0 gives world frame and metric scale")
     _common(capture, _capture, "folder of the capture, for depth.capture")
+
+    text = "a result simulated again, from its recovery.npz alone: the trajectory that it holds, or with other stiffness and force"
+    simulate = commands.add_parser("simulate", help=text, description=text + ".")
+    simulate.add_argument("folder", type=Path, help="folder that recover wrote")
+    simulate.add_argument("--out", required=True, type=Path, help=".npz to write: trajectory (T, N, 3) [m, world], period_s")
+    simulate.add_argument("--young_scale", type=float, default=1.0, help="factor on every Young's modulus")
+    simulate.add_argument("--force_scale", type=float, default=1.0, help="factor on every force")
+    simulate.add_argument("--device", default="cpu", choices=("cpu", "cuda:0"))
+    simulate.set_defaults(run=_simulate)
 
     score = commands.add_parser("score", help="compare results with a known truth")
     score.add_argument("folder", type=Path, help="folder that recover wrote")
@@ -137,6 +146,23 @@ def _capture(options: argparse.Namespace) -> int:
     clip = None if options.clip is None else _existing(options.clip)
     show(reconstruct(_existing(options.images), options.out, settings, clip))
     print(f"capture in {options.out}")
+    return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    from . import result, store
+    from .resimulate import simulate_again
+
+    recovery = result.load(options.folder)
+    result.check_writable(options.out.parent)
+    scales = {name: getattr(options, name) for name in ("young_scale", "force_scale")}
+    trajectory = simulate_again(recovery, **scales, device=options.device)
+    store.write_arrays(options.out, {"trajectory": trajectory, "period_s": recovery.period_s, **scales})
+    away = np.linalg.norm(trajectory.astype(float) - recovery.trajectory, axis=-1)
+    print(f"simulated by {recovery.simulation.engine}: {away.max():.3g} m from the recovered trajectory at most, {np.sqrt((away**2).mean()):.3g} m rms")
+    print(f"trajectory in {options.out}")
     return 0
 
 

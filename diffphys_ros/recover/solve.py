@@ -215,7 +215,7 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
     noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
     refined_rms = float("inf") if terms.motion is None else problem.objective.track_rms(terms.motion)
     accepted = refined_rms <= NEAR_NOISE * noise or (trained is not None and refined_rms < linear_rms)  # fields may be under way still
-    core = simulated_answer(problem.disc, problem.layout, terms) if accepted else linear_answer(problem.prepared, problem.disc)
+    core = simulated_answer(problem.forward, terms) if accepted else linear_answer(problem.prepared, problem.disc)
     metrics = {
         "refined": bool(accepted),
         "track_rms_m": refined_rms if accepted else linear_rms,
