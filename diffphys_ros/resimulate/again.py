@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from .. import result
 from ..errors import InputError
@@ -13,6 +14,7 @@ from ..types import MpmProblem, Recovery
 from .eigenmodes import eigenmodes
 from .material_points import material_points
 
+DEVICES = ("cpu", "cuda:0")
 Report = Callable[[float], None]
 
 
@@ -31,9 +33,11 @@ def simulate_again(
     stays as it was recovered, its strain included: under gravity a softer body sags on from there. `device`: cpu or cuda:0;
     `report` hears the share of frames done. Raises InputError, and SimulationError where the motion leaves the grid.
     """
-    for name, value, least in (("young_scale", young_scale, "> 0"), ("force_scale", force_scale, "finite")):
-        if not np.isfinite(value) or (name == "young_scale" and value <= 0):
-            raise InputError(f"{name} is {value:g}, must be {least}; 1 simulates what was recovered")
+    if not (np.isfinite(young_scale) and young_scale > 0):
+        raise InputError(f"young_scale is {young_scale:g}, must be > 0; 1 simulates what was recovered")
+    if not np.isfinite(force_scale):
+        raise InputError(f"force_scale is {force_scale:g}, must be finite; 1 simulates what was recovered")
+    _check(device)
     if not isinstance(recovery, Recovery):
         recovery = result.load(recovery)
     problem = recovery.simulation
@@ -43,3 +47,10 @@ def simulate_again(
     else:
         moved = problem.rest + eigenmodes(recovery, problem, young_scale, force_scale)
     return recovery.to_world(moved).astype(np.float32)
+
+
+def _check(device: str) -> None:
+    if device not in DEVICES:
+        raise InputError(f"device is {device!r}, must be one of {', '.join(DEVICES)}; leave it at {DEVICES[0]}")
+    if device != "cpu" and not torch.cuda.is_available():
+        raise InputError(f"device is {device!r}: there is no CUDA device; choose cpu")
