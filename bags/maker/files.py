@@ -62,18 +62,18 @@ def _pose(camera: Camera, stamp: Any) -> dict[str, Any]:
 
 
 def _truth(name: str, body: Body, camera: Camera, motion: Motion, masks: np.ndarray) -> dict[str, Any]:
-    """World frame, SI units; N nodes, M tetrahedra, T frames, 2 parts."""
+    """World frame, SI units; N nodes, M tetrahedra, T frames, n parts."""
     bar, tets = body.bar, body.tets
     part = bar.part_volume.argmax(0)
     single = {"positions": motion.positions, "velocities": motion.velocities, "force": motion.force}
     single["force_density"] = motion.force / bar.volume[:, None]
-    per_part = {"E": bar.young, "nu": bar.poisson, "rho": np.full(2, bar.density)}
+    per_part = {"E": bar.young, "nu": bar.poisson, "rho": np.full(bar.shape.parts, bar.density)}
     arrays = {f"part_{k}": v for k, v in per_part.items()} | {f"vertex_{k}": v[part] for k, v in per_part.items()}
     arrays |= {k: v.astype(np.float32) for k, v in single.items()}
     return arrays | {
         "name": name, "rest_vertices": bar.nodes, "tets": tets.astype(np.int32), "tet_part": body.tet_part.astype(np.int32),
-        "vertex_part": part.astype(np.int32), "interface": (bar.part_volume > 0).all(0), "clamped": bar.clamped,
-        "vertex_volume": bar.volume, "vertex_mass": bar.mass, "gravity": np.zeros(3), "fps": FPS,
+        "vertex_part": part.astype(np.int32), "interface": (bar.part_volume > 0).sum(0) > 1, "clamped": bar.clamped,
+        "vertex_volume": bar.volume, "vertex_mass": bar.mass, "gravity": bar.gravity, "fps": FPS,
         "time": np.arange(len(masks)) / FPS, "damping_mass_alpha": 0.0, "damping_stiffness_beta": bar.stiffness_damping,
         # the implicit integrator damps like a stiffness-proportional damping of one time step
         "damping_stiffness_beta_effective": bar.stiffness_damping + 1 / FPS / SUBSTEPS, "dt": 1 / FPS / SUBSTEPS,
@@ -92,7 +92,7 @@ def _given(bar: Bar) -> str:
             f"  mass_kg: {bar.mass.sum():.5g}",
             f"  thickness_m: {bar.size[1]:.4g}  # extent along thickness_axis; the camera sees the front only",
             "  thickness_axis: [0.0, 1.0, 0.0]",
-            "  gravity_m_s2: [0.0, 0.0, 0.0]",
+            f"  gravity_m_s2: [{', '.join(f'{v:g}' if v else '0.0' for v in bar.gravity)}]",
             f"  clamp_box_m: [{', '.join(f'{v + 0.0:.4g}' for v in box)}]  # xmin ymin zmin xmax ymax zmax",
             "  floor_z_m: null",
             "  at_rest: true  # still and in equilibrium in frame 0",
