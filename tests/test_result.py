@@ -197,6 +197,8 @@ def made_prepared(made_clip: Clip) -> Prepared:
         identified=np.array([True, False]),
         reasons=("seen", "hardly strains"),
         has_free_tail=True,
+        modes_hold=True,
+        geometry_sd=np.array([0.01, 0.01]),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
     body = Body(

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
-from ..types import MpmProblem, Particles, Recovery
+from ..types import Grid, MpmProblem, Particles, Recovery
 
 
 def material_points(
@@ -22,7 +22,10 @@ def material_points(
 ) -> np.ndarray:
     """Displacements from frame 0 [m], body frame, shape (T, P, 3). Raises SimulationError."""
     young = problem.young * problem.young.dtype.type(young_scale)
-    simulator = _simulator(recovery, problem, device, recovery.substeps if young_scale <= 1 else _substeps(recovery, problem, young))
+    further = max(abs(force_scale), 1.0) / min(young_scale, 1.0)  # than it was recovered; as far, in the fit's own grid, to the bit
+    grid = recovery.grid if further == 1 else _roomier(recovery, further)
+    substeps = recovery.substeps if young_scale <= 1 else _substeps(recovery, problem, young)
+    simulator = _simulator(recovery, problem, grid, substeps, device)
     see = simulator.tensor
     start = State.assemble(*map(see, (problem.position, problem.velocity, problem.velocity_gradient, problem.deformation_gradient)))
     force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
@@ -49,13 +52,22 @@ def _substeps(recovery: Recovery, problem: MpmProblem, young: np.ndarray) -> int
     return max(recovery.substeps, needed)
 
 
-def _simulator(recovery: Recovery, problem: MpmProblem, device: str, substeps: int) -> Simulator:
+def _roomier(recovery: Recovery, further: float) -> Grid:
+    """The grid with whole cells added to all sides for a motion so many times as large, at most for one of the body's extent."""
+    grid, moved = recovery.grid, np.linalg.norm(recovery.trajectory - recovery.trajectory[0], axis=-1).max()
+    cells = int(np.ceil(min((further - 1) * moved, np.ptp(recovery.points, axis=0).max()) / grid.dx))
+    held = grid.clamp_index + cells if grid.clamp_index >= 0 else grid.clamp_index
+    nx, ny, nz = (n + 2 * cells for n in grid.size)
+    return Grid(grid.origin - cells * grid.dx, grid.dx, (nx, ny, nz), held)
+
+
+def _simulator(recovery: Recovery, problem: MpmProblem, grid: Grid, substeps: int, device: str) -> Simulator:
     part = np.ones(len(problem.rest), np.uint8)  # the simulator knows particles alone
     particles = Particles(problem.rest, problem.volume, part, problem.density, problem.poisson.astype(float), problem.ghost)
     planes = zip(problem.plane_normal, problem.plane_offset, problem.plane_kind, problem.plane_friction, strict=True)
     return Simulator(
         particles,
-        recovery.grid,
+        grid,
         substeps=substeps,
         period_s=recovery.period_s,
         gravity=recovery.gravity,
