@@ -11,6 +11,7 @@ import numpy as np
 FPS = 30
 CELLS_ACROSS = 2  # quadratic elements across
 GRAVITY_M_S2 = 9.81
+SECOND_OVER_FIRST = 5.6  # frequencies of bending of a bar six times as long as high: less than a slender one's 6.27
 GUST_START = 0.1  # s: frames 0 to 3 are at rest
 GRID_CELLS, CFL, PARTICLES_PER_CELL = 4, 0.5, 1.25  # the explicit solver that the sample is made for; the last one per axis
 NODE_WEIGHTS = np.einsum("i,j,k->ijk", *3 * [np.array([1.0, 4.0, 1.0]) / 6])  # share of a cell's volume per node (Simpson)
@@ -39,6 +40,7 @@ class Shape:
 
 
 BAR = Shape(0.30, 0.125, 0.10, cells_long=6, cells_inner=2, most_frames=45)
+SHAKEN = Shape(0.30, 0.05, 0.055, cells_long=8, cells_inner=8, most_frames=48)
 STRIP = Shape(0.30, 0.05, 0.045, cells_long=8, cells_inner=8, most_frames=48)
 
 
@@ -53,6 +55,7 @@ class Bar:
     poisson: np.ndarray  # shape (n,)
     density: float  # of both parts [kg/m^3]
     stiffness_damping: float  # beta [s]
+    mass_damping: float  # alpha [1/s]
     push: np.ndarray  # unit direction of the gust, across the bar, shape (3,)
     half_sines: int
     gust_end: float  # [s]
@@ -137,7 +140,7 @@ def draw(rng: np.random.Generator) -> Bar:
     azimuth, elevation = math.radians(rng.uniform(-30, 30)), math.radians(rng.uniform(0, 20))
     bar = Bar(
         BAR, axis, sign, np.array([float(f"{e:.4g}") for e in young]), poisson, density,
-        stiffness_damping=float(rng.uniform(2e-4, 1e-3)), push=np.zeros(3), half_sines=int(rng.integers(1, 3)),
+        stiffness_damping=float(rng.uniform(2e-4, 1e-3)), mass_damping=0.0, push=np.zeros(3), half_sines=int(rng.integers(1, 3)),
         gust_end=float(rng.uniform(0.27, 0.35)), sway=float(rng.uniform(0.08, 0.14)), azimuth=azimuth, elevation=elevation,
         fovy=float(rng.uniform(32, 48)), fill=float(rng.uniform(0.60, 0.70)), hue=float(rng.uniform()),
         light=np.array([rng.choice([-1, 1]) * rng.uniform(0.3, 0.6), rng.uniform(0.5, 0.8), -1]),
@@ -153,11 +156,26 @@ def draw_strip(rng: np.random.Generator) -> Bar:
     side, depth = rng.choice([-1, 1]), rng.uniform(-0.25, 0.25)
     return Bar(
         STRIP, 2, -1, np.array([float(f"{density * rng.uniform(350, 450):.4g}")]), np.round(rng.uniform(0.26, 0.36, 1), 2), density,
-        stiffness_damping=float(rng.uniform(4e-4, 1e-3)), push=np.array([side * math.cos(depth), math.sin(depth), 0.0]), half_sines=1,
+        stiffness_damping=float(rng.uniform(4e-4, 1e-3)), mass_damping=0.0, push=np.array([side * math.cos(depth), math.sin(depth), 0.0]), half_sines=1,
         gust_end=float(rng.uniform(0.30, 0.36)), sway=float(rng.uniform(0.40, 0.45)), azimuth=azimuth, elevation=elevation,
         fovy=float(rng.uniform(32, 48)), fill=float(rng.uniform(0.75, 0.85)), hue=float(rng.uniform()),
         light=np.array([rng.choice([-1, 1]) * rng.uniform(0.3, 0.6), rng.uniform(0.5, 0.8), -1]),
         gravity=np.array([0.0, 0.0, -GRAVITY_M_S2]),
+    )  # fmt: skip
+
+
+def draw_shaken(rng: np.random.Generator) -> Bar:
+    """A random bar of one material, shaken at its second frequency: two modes swing, which mass and stiffness damping brake differently."""
+    density = float(np.round(rng.uniform(700, 1100), -1))
+    first_hz = rng.uniform(1.6, 1.9)
+    young = density * (first_hz * SHAKEN.length**2 / (0.1615 * SHAKEN.height)) ** 2  # Euler-Bernoulli, bending in the picture
+    return Bar(
+        SHAKEN, 0, 1, np.array([float(f"{young:.4g}")]), np.round(rng.uniform(0.26, 0.36, 1), 2), density,
+        stiffness_damping=float(rng.uniform(1.5e-3, 2e-3)), mass_damping=float(rng.uniform(1.5, 2.0)), push=np.array([0.0, 0.0, 1.0]),
+        half_sines=4, gust_end=GUST_START + 2 / (SECOND_OVER_FIRST * first_hz), sway=float(rng.uniform(0.10, 0.12)),
+        azimuth=math.radians(rng.uniform(-15, 15)), elevation=math.radians(rng.uniform(0, 10)),
+        fovy=float(rng.uniform(32, 48)), fill=float(rng.uniform(0.75, 0.85)), hue=float(rng.uniform()),
+        light=np.array([rng.choice([-1, 1]) * rng.uniform(0.3, 0.6), rng.uniform(0.5, 0.8), -1]),
     )  # fmt: skip
 
 

@@ -47,6 +47,7 @@ class Body:
         self.free = np.flatnonzero(~bar.clamped)
         bodies = self.model.flex_nodebodyid[self.free]
         self.dofs = (self.model.body_dofadr[bodies][:, None] + np.arange(3)).ravel()
+        self.model.dof_damping[self.dofs] = bar.mass_damping * np.repeat(bar.mass[self.free], 3)
         self.data = mujoco.MjData(self.model)
 
     def matrices(self, young: np.ndarray) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
