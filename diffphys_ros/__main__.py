@@ -58,8 +58,8 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     simulate = commands.add_parser("simulate", help=text, description=text + ".")
     simulate.add_argument("folder", type=Path, help="folder that recover wrote")
     simulate.add_argument("--out", required=True, type=Path, help=".npz to write: trajectory (T, N, 3) [m, world], period_s")
-    simulate.add_argument("--young_scale", type=float, default=1.0, help="factor on every Young's modulus")
-    simulate.add_argument("--force_scale", type=float, default=1.0, help="factor on every force")
+    for name, text in (("young_scale", "factor on every Young's modulus"), ("force_scale", "factor on every force")):
+        simulate.add_argument(f"--{name}", default="1", help=text)
     simulate.add_argument("--device", default="cpu", help="cpu or cuda:0")
     simulate.set_defaults(run=_simulate)
 
@@ -155,15 +155,22 @@ def _simulate(options: argparse.Namespace) -> int:
     from . import result, store
     from .resimulate import simulate_again
 
+    scales = {name: _number(name, getattr(options, name)) for name in ("young_scale", "force_scale")}
     recovery = result.load(options.folder)
     result.check_writable(options.out.parent)
-    scales = {name: getattr(options, name) for name in ("young_scale", "force_scale")}
     trajectory = simulate_again(recovery, **scales, device=options.device)
     store.write_arrays(options.out, {"trajectory": trajectory, "period_s": recovery.period_s, **scales})
     away = np.linalg.norm(trajectory.astype(float) - recovery.trajectory, axis=-1)
     print(f"simulated by {recovery.simulation.engine}: {away.max():.3g} m from the recovered trajectory at most, {np.sqrt((away**2).mean()):.3g} m rms")
     print(f"trajectory in {options.out}")
     return 0
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"command line: --{name} is {text!r}, must be a number; 1 simulates what was recovered") from error
 
 
 def _score(options: argparse.Namespace) -> int:

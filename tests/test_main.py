@@ -31,6 +31,7 @@ QUICK = [
         (["recover", "{clip}", "--out", "{tmp}/out", "--topics.depth", "/nowhere"], "/nowhere"),
         (["score", "{tmp}", "--truth", "{tmp}/none.npz"], "no such file"),
         (["simulate", "{tmp}", "--out", "{tmp}/again.npz"], "recovery.npz: no such file"),
+        (["simulate", "{tmp}", "--out", "{tmp}/again.npz", "--young_scale", "soft"], "--young_scale is 'soft', must be a number"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words, said, tmp_path, capfd):

@@ -30,7 +30,8 @@ def material_points(
     start = State.assemble(*map(see, (problem.position, problem.velocity, problem.velocity_gradient, problem.deformation_gradient)))
     force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
     field = None if problem.field_force is None else force_scale * see(problem.field_force)
-    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, problem.damping_frequencies)
+    frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
+    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies)
     beta = see(recovery.stiffness_damping)
     with torch.no_grad():
         states = simulator.rollout(
