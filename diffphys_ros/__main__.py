@@ -155,11 +155,12 @@ def _simulate(options: argparse.Namespace) -> int:
     from . import result, store
     from .resimulate import simulate_again
 
-    scales = {name: _number(name, getattr(options, name)) for name in ("young_scale", "force_scale")}
+    young_scale, force_scale = (_number(name, getattr(options, name)) for name in ("young_scale", "force_scale"))
     recovery = result.load(options.folder)
     result.check_writable(options.out.parent)
-    trajectory = simulate_again(recovery, **scales, device=options.device)
-    store.write_arrays(options.out, {"trajectory": trajectory, "period_s": recovery.period_s, **scales})
+    trajectory = simulate_again(recovery, young_scale=young_scale, force_scale=force_scale, device=options.device)
+    arrays = {"trajectory": trajectory, "period_s": recovery.period_s, "young_scale": young_scale, "force_scale": force_scale}
+    store.write_arrays(options.out, arrays)
     away = np.linalg.norm(trajectory.astype(float) - recovery.trajectory, axis=-1)
     print(f"simulated by {recovery.simulation.engine}: {away.max():.3g} m from the recovered trajectory at most, {np.sqrt((away**2).mean()):.3g} m rms")
     print(f"trajectory in {options.out}")
