@@ -25,7 +25,7 @@ from .conftest import COARSE
 FLAGS = (
     *COARSE,
     *("--fit.start_scale", "0.5", "--fit.checkpoint_every_s", "0.1"),
-    *("--splats.iterations", "3", "--splats.max_count", "100", "--fit.image_weight", "0", "--fit.depth_weight", "0"),
+    *("--splats.iterations", "3", "--splats.max_count", "100"),
 )
 CHECKPOINT = "checkpoint.npz"
 LIMIT_S = 240.0
