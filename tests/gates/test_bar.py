@@ -30,3 +30,8 @@ def test_the_motion_is_nearer_than_the_linear_one(answer: Answer) -> None:
 def test_the_force_points_where_it_did_and_ends_where_it_did(answer: Answer) -> None:
     assert answer.metrics["net_force_cosine"] > COSINE
     assert answer.metrics["false_force_ratio"] < FALSE_FORCE
+
+
+def test_a_simulation_that_explains_the_clip_worse_is_not_the_answer(recovered: Recover) -> None:
+    """One iteration leaves it .072 off."""
+    assert recovered("bar", "--fit.iterations", "1").trajectory_error < 0.055
