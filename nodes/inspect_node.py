@@ -34,7 +34,7 @@ class InspectNode(StageNode):
         from diffphys_ros.report.rerun_log import Stream
 
         self.stream = Stream(**self._sink())
-        self.buffer = ClipBuffer()
+        self.buffer, self.shown = ClipBuffer(), set[str]()
         self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
         for name, show in self._views().items():
             topic = TOPICS[name]
@@ -76,6 +76,9 @@ class InspectNode(StageNode):
             if getattr(message, "header", None) is not None and stamp_ns(message):
                 self.stream.at(stamp_ns(message))
             show(message)
+            if name not in self.shown:
+                self.shown.add(name)
+                self.get_logger().info(f"showing {name}")
         except InputError as error:
             self.get_logger().error(f"{name}: {error}")
 

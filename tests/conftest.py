@@ -23,6 +23,14 @@ def scenes() -> Path:
     return Path(folder)
 
 
+@pytest.fixture(scope="session")
+def half_sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the bundled sample at half its size."""
+    from tests import halved  # late: the solver's tests need no OpenCV
+
+    return halved.write(tmp_path_factory.mktemp("half_sample"))
+
+
 @pytest.fixture
 def made_clip() -> Clip:
     """A block that slides to the right over a plain background, seen from 0.5 m in front."""

@@ -19,6 +19,8 @@ from diffphys_ros.nodes.convert import message_class, to_ros
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.qos import latched, profile, sensor
 
+from .processes import PATIENCE_S
+
 
 class Camera:
     """A driver that publishes a clip's frames as raw topics, and a listener on clip/*."""
@@ -33,7 +35,7 @@ class Camera:
         self.pose = self.me.create_publisher(TransformStamped, "camera_pose", latched())
         self.until(lambda: self.image.get_subscription_count() and self.info.get_subscription_count())
 
-    def until(self, condition, timeout_s: float = 30.0) -> None:
+    def until(self, condition, timeout_s: float = PATIENCE_S) -> None:
         end = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < end, f"waiting for {self.node.waiting_for()}"

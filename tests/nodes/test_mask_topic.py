@@ -20,7 +20,7 @@ from diffphys_ros.nodes.qos import profile
 from diffphys_ros.segment import label_clip
 from diffphys_ros.types import Camera, Clip
 
-from .processes import Domain
+from .processes import PATIENCE_S, Domain
 
 SEGMENTER = "/segmenter/mask"
 SETTINGS = {"segment__max_parts": 1}
@@ -69,7 +69,7 @@ def expected(bag):
     return clip, label_clip(clip, settings)
 
 
-def received(domain: Domain, timeout_s: float = 90.0) -> ClipBuffer:
+def received(domain: Domain, timeout_s: float = PATIENCE_S) -> ClipBuffer:
     """The clip and its masks, as a listener hears them that came with the nodes."""
     context, buffer = rclpy.Context(), ClipBuffer()
     rclpy.init(context=context, domain_id=int(domain.environment["ROS_DOMAIN_ID"]))
