@@ -20,7 +20,7 @@ setup(
     maintainer="diffphys_ros maintainers",
     maintainer_email="maintainers@diffphys-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.bags": ["sample/*"], f"{NAME}.prior": ["*.yaml"]},
+    package_data={f"{NAME}.bags": ["sample/*", "sample_strip/*"], f"{NAME}.prior": ["*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

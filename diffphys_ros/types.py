@@ -244,6 +244,8 @@ class StartValues:
     identified: np.ndarray  # bool, shape (n,)
     reasons: tuple[str, ...]  # one sentence per part
     has_free_tail: bool  # false: young is a guess, the joint schedule must find it
+    modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
+    geometry_sd: np.ndarray  # of log10 E by outline and densities alone, shape (n,)
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from diffphys_ros.bags.maker.body import IMAGE_SIZE, Body
+from diffphys_ros.bags.maker.messages import FRAME_ID, WORLD
 from diffphys_ros.types import Camera
 
-FRAME_ID, WORLD = "camera_color_optical_frame", "world"
 
 
 def aim(body: Body, positions: np.ndarray) -> Camera:

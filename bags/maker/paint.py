@@ -9,13 +9,13 @@ from diffphys_ros.bags.maker.bar import Bar
 
 
 def assets(bar: Bar, seed: int) -> dict[str, bytes]:
-    """PNG files by name: the skins of both parts, of opposite hue, a smooth wall and a floor."""
+    """PNG files by name: the skins of the parts, of opposite hue, a smooth wall and a floor."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:256, :256][..., None] / 256.0
     blend = 0.6 * y + 0.4 * x
     wall, floor = rng.uniform(185, 210, 3), rng.uniform(105, 140, 3)
     tiles = ((np.floor(8 * y) + np.floor(8 * x)) % 2) * 10
-    files = {f"part{i}.png": _png(_skin(bar.hue + i / 2, rng)) for i in (0, 1)}
+    files = {f"part{i}.png": _png(_skin(bar.hue + i / 2, rng)) for i in range(bar.shape.parts)}
     return files | {"wall.png": _png(wall - 40 * blend), "floor.png": _png(floor - tiles - 12 * blend)}
 
 

@@ -17,20 +17,25 @@ OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 
 DENSITY_CONTRAST = 0.15  # standard deviation of ln(density) of a part when only the mass of all is given
 
 
-def log10_young_sd(tail: Tail, physics: Physics, body: Body, tracks: Tracks, *, density_known: bool) -> np.ndarray:
+def log10_young_sd(tail: Tail, physics: Physics, geometry_sd: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame,
-    model error in every mode's frequency, priors), half a pixel of the silhouette, and the densities of parts of which only
-    the common mass is known; OPEN_SD where a tail that the modes do not explain leaves more open than that."""
-    vector, parts = physics.vector(), body.parts
+    model error in every mode's frequency, priors), and that of the geometry (see `geometry_log10_sd`); OPEN_SD where a tail
+    that the modes do not explain leaves more open than that."""
+    vector, parts = physics.vector(), len(physics.young)
     jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector) / tail.sigma_m
     prior = differences(lambda v: prior_residual(v, parts), vector)
     inverse = np.linalg.inv(jacobian.T @ jacobian + prior.T @ prior)
     excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
     covariance = inverse @ (jacobian.T @ jacobian * excess**2 + prior.T @ prior) @ inverse
-    variance = np.diag(covariance)[:parts] + outline_sd(body, tracks) ** 2
-    if not density_known and parts > 1:
-        variance += _density(tail, body) ** 2
-    return np.minimum(np.sqrt(variance) / np.log(10.0), OPEN_SD)
+    fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
+    return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
+
+
+def geometry_log10_sd(tail: Tail, body: Body, tracks: Tracks, *, density_known: bool) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), however well the motion is explained: half a pixel of the silhouette, and the
+    densities of parts of which only the common mass is known."""
+    density = 0.0 if density_known or body.parts == 1 else _density(tail, body)
+    return np.hypot(outline_sd(body, tracks), density) / np.log(10.0)
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:

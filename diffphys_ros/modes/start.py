@@ -13,7 +13,7 @@ from ..types import Body, Camera, StartValues, Tracks
 from .force import ForceProblem, Solution
 from .model import ModalModel
 from .observation import Motion, Projection, observe
-from .spread import log10_young_sd
+from .spread import geometry_log10_sd, log10_young_sd
 from .support import Support, find_support
 from .tail import MODEL_ERROR, Physics, Tail
 
@@ -192,8 +192,10 @@ class Evidence:
         solution = problem.solve(physics, load)
         residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3)) if len(tail.data) else 0.0
         free = support.has_free_tail
-        sd = log10_young_sd(tail, physics, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None) if free else self._sd_of_guess()
-        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m if free else 0.0)
+        geometry_sd = geometry_log10_sd(tail, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None)
+        sd = log10_young_sd(tail, physics, geometry_sd) if free else self._sd_of_guess()
+        holds = not (free and explained_badly(residual * np.sqrt(3), self.motion.coherent_m, tail.size_m))
+        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m if free else 0.0, holds=holds)
         return StartValues(
             young=physics.young,
             log10_young_sd=sd,
@@ -213,6 +215,8 @@ class Evidence:
             identified=np.array([not r[0] for r in reasons]),
             reasons=tuple(r[1] for r in reasons),
             has_free_tail=free,
+            modes_hold=holds,
+            geometry_sd=geometry_sd,
         )
 
     def _sd_of_guess(self) -> np.ndarray:
@@ -231,14 +235,14 @@ class Evidence:
         )
         return self.motion.misfit_share(problem.modal, q - q[:1])
 
-    def _reasons(self, sd: np.ndarray, residual: float, size: float) -> list[tuple[bool, str]]:
+    def _reasons(self, sd: np.ndarray, residual: float, size: float, *, holds: bool) -> list[tuple[bool, str]]:
         """Per part whether it is not identified, and a sentence."""
         if not self.support.has_free_tail:
             moved = self.motion.size_m >= STILL * self.motion.noise_m
             why = "the clip shows no free oscillation of sufficient length" if moved else "the object hardly moves"
             source = "a guess" if self.belief is None else "the material prior's"
             return [(True, f"{why}, so this Young's modulus is {source}; record a longer tail without force.")] * len(sd)
-        if residual > ALARM_NOISE * self.motion.coherent_m and residual > ALARM_SHARE * size:
+        if not holds:
             text = f"the free motion differs from the fitted modes by {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
             return [(True, text)] * len(sd)
         return [
@@ -247,6 +251,11 @@ class Evidence:
             else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
             for s in sd
         ]
+
+
+def explained_badly(residual_m: float, noise_m: float, size_m: float) -> bool:
+    """Whether a model misses so much of a motion of that size that its stiffness cannot be believed."""
+    return residual_m > ALARM_NOISE * noise_m and residual_m > ALARM_SHARE * size_m
 
 
 def _swinging_at(modal: ModalModel, young: np.ndarray, hz: float) -> np.ndarray:

@@ -11,13 +11,12 @@ from ..footprints import footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..particles import held_by
 from ..types import Clip, Recovery
+from .confidence import Confidence
 from .forward import Discretisation
 from .images import Renderer
-from .linear import linear_coordinates
+from .linear import linear_motion
 from .objective import Terms
 from .prepare import Prepared
-
-GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
 
 
 @dataclass(frozen=True)
@@ -62,15 +61,20 @@ def simulated_answer(disc: Discretisation, layout: Layout, terms: Terms) -> Core
 def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
     """The start values and their linear motion."""
     start = prepared.start
-    q = linear_coordinates(prepared)
-    displacement = np.einsum("pcr,tr->tpc", disc.basis, q - q[:1])
-    F = np.eye(3) + np.einsum("pijr,tr->tpij", disc.basis_gradient, q - q[:1])
+    displacement, F = linear_motion(prepared, disc.basis, disc.basis_gradient)
     velocity0, p = disc.basis @ start.initial_velocity, disc.particles
     return Core(start.young[p.part - 1], p.poisson, displacement, F, start.force, None, velocity0, start.mass_damping, start.stiffness_damping, refined=False)
 
 
 def assemble(
-    prepared: Prepared, disc: Discretisation, core: Core, renderer: Renderer | None, *, substeps: int, metrics: dict[str, object]
+    prepared: Prepared,
+    disc: Discretisation,
+    core: Core,
+    renderer: Renderer | None,
+    *,
+    confidence: Confidence,
+    substeps: int,
+    metrics: dict[str, object],
 ) -> Recovery:
     """The Recovery with rendered frames and image metrics."""
     body, start, p, own = prepared.body, prepared.start, disc.particles, disc.particles.own
@@ -81,14 +85,13 @@ def assemble(
     trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own])
     frames = None if renderer is None else renderer.clip(p.x_rest + core.displacement, core.F)
     part = p.part[own] - 1
-    sd = np.hypot(start.log10_young_sd, GRID_SCATTER if core.refined else 0.0)
     return Recovery(
         points=body.to_world(p.x_rest[own]),
         volume=p.volume[own],
         part=p.part[own],
         young=core.young[own],
         young_solver=core.young[own] / disc.apparent,
-        log10_young_sd=sd[part],
+        log10_young_sd=confidence.log10_young_sd[part],
         poisson=core.poisson[own],
         density=p.density[own],
         force=force.astype(np.float32),
@@ -100,8 +103,8 @@ def assemble(
         mass_damping=core.mass_damping,
         stiffness_damping=core.stiffness_damping,
         initial_velocity=body.rotate_to_world(core.velocity0[own]),
-        identified=start.identified,
-        reasons=start.reasons,
+        identified=confidence.identified,
+        reasons=confidence.reasons,
         metrics=metrics | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
         notes=notes(prepared),
     )

@@ -13,7 +13,7 @@ from ..particles import Binding, bind, deform_splats
 from ..render import Rasterizer, Window, window_around
 from ..types import Clip, Splats
 from ..unseen import scene_behind
-from .forward import Discretisation, Motion
+from .forward import Discretisation
 from .prepare import Prepared
 
 MARGIN_PX = 8  # of the rendered window around the object
@@ -112,9 +112,10 @@ class ImageTerm:
         with torch.no_grad():
             self.frozen = max(float(self._image(*self._rendered(still, x0, unit)[:1])), 1e-12)
 
-    def __call__(self, motion: Motion, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Image and depth term; `mean_square` of the observed motion [m^2]. The latter is 0 where the clip has no depth."""
-        image, _, depth = self._rendered(motion.x[self.frames], motion.x[0], motion.F[self.frames])
+    def __call__(self, x: torch.Tensor, F: torch.Tensor, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Image and depth term of particles x (T, P, 3) [m], F (T, P, 3, 3) since frame 0, body frame; `mean_square` of the observed
+        motion [m^2]. The latter is 0 where the clip has no depth."""
+        image, _, depth = self._rendered(x[self.frames], x[0], F[self.frames])
         return 0.5 * self.overlap * self._image(image) / self.frozen, self._depth(depth, mean_square)
 
     def _rendered(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, ...]:

@@ -23,6 +23,14 @@ def linear_coordinates(prepared: Prepared) -> np.ndarray:
     )
 
 
+def linear_motion(prepared: Prepared, basis: np.ndarray, basis_gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements from frame 0 (T, P, 3) [m, body frame] and deformation gradients since then (T, P, 3, 3) by the start values' linear
+    motion, at particles with modal basis (P, 3, r) and its gradient (P, 3, 3, r) [1/m]."""
+    q = linear_coordinates(prepared)
+    moved = q - q[:1]
+    return np.einsum("pcr,tr->tpc", basis, moved), np.eye(3) + np.einsum("pijr,tr->tpij", basis_gradient, moved)
+
+
 def linear_displacement(prepared: Prepared, points: np.ndarray) -> np.ndarray:
     """Displacements (T, M, 3) [m, body frame] from frame 0 of body points (M, 3), by the start values' linear motion."""
     q = linear_coordinates(prepared)

@@ -31,23 +31,29 @@ class Prior:
 
     LOG_YOUNG = 2e-3  # log E one standard deviation of the start values away costs half of this: what the grid's own error
     # leaves as misfit, so that the fit does not pay with E for what the grid cannot follow
+    MISSED = 0.3  # standard deviation of log10 E that the start values' linear motion leaves open, as a multiple of the share of the motion
+    # that it misses: modes that do not follow the swing do not have its frequency either
     DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
-    FORCE, SMOOTH, MOTION = 1e-4, 1e-3, 1e-6
+    FORCE, SMOOTH, MOTION = 1e-5, 3e-4, 1e-6
+    DOUBTFUL_FORCE = 5e-4  # in place of FORCE in frames that only a margin makes forced
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
+    def of(
+        cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None, doubtful: np.ndarray | None = None
+    ) -> Prior:
         """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
-        log E where more is known than the standard deviations."""
+        log E where more is known than the standard deviations. In `doubtful` frames (T,) a force is possible, but not expected."""
         n, count = layout.parts, len(layout.forced)
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        known = np.diag((np.log(10) * start.log10_young_sd) ** -2.0) if precision is None else precision
+        sd = np.hypot(start.log10_young_sd, cls.MISSED * np.sqrt(start.track_cost))
+        known = np.diag((np.log(10) * sd) ** -2.0) if precision is None else precision
         hessian[:n, :n] = cls.LOG_YOUNG * known
         centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
-        adjacent = np.diff(layout.forced) == 1
-        difference = np.diff(np.eye(count), axis=0)[adjacent]
-        per_frame = cls.FORCE * np.eye(count) + cls.SMOOTH * difference.T @ difference
+        difference = _changes(layout.forced, layout.frames)
+        size = np.full(count, cls.FORCE) if doubtful is None else np.where(doubtful[layout.forced], cls.DOUBTFUL_FORCE, cls.FORCE)
+        per_frame = np.diag(size) + cls.SMOOTH * difference.T @ difference
         stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]
@@ -58,6 +64,14 @@ class Prior:
         """The prior's share of the loss."""
         offset = z.double() - torch.as_tensor(self.centre)
         return 0.5 * offset @ torch.as_tensor(self.hessian) @ offset
+
+
+def _changes(forced: np.ndarray, frames: int) -> np.ndarray:
+    """Rows (R, F) that take the change of the force from frame to frame, from and to none where it begins and ends; forced (F,)."""
+    every = np.zeros((frames, len(forced)))
+    every[forced, range(len(forced))] = 1.0
+    change = np.diff(every, axis=0)
+    return change[change.any(1)]
 
 
 @dataclass
@@ -99,15 +113,27 @@ class Objective:
 
     def terms(self, leaf: torch.Tensor, motion: Motion) -> Terms:
         """The loss of a motion and of the unknowns z (size,) that it belongs to."""
-        w = self.weights
-        track = self.target.loss(self.binding.apply(motion.displacement)).double()
-        weighted = {"track": w.track_weight * track, "prior": self.prior.value(leaf)}
-        if self.images is not None:
-            image, depth = self.images(motion, self.target.mean_square)
-            weighted |= {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
-        total = sum((v.cpu() for v in weighted.values()), torch.zeros((), dtype=torch.float64))
-        return Terms(leaf, motion, total, {name: float(v.detach()) for name, v in weighted.items()})
+        weighted = self.evidence(motion.x, motion.F) | {"prior": self.prior.value(leaf)}
+        return Terms(leaf, motion, _sum(weighted), {name: float(v.detach()) for name, v in weighted.items()})
 
-    def track_rms(self, motion: Motion) -> float:
-        """Misfit of one track coordinate [m]."""
-        return self.target.rms(self.binding.apply(motion.displacement.detach()))
+    def evidence(self, x: torch.Tensor, F: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Weighted misfits of particles x (T, P, 3) [m], F (T, P, 3, 3) since frame 0, body frame, whatever moved them: tracks, images, depth."""
+        w = self.weights
+        weighted = {"track": w.track_weight * self.target.loss(self.binding.apply(x - x[:1])).double()}
+        if self.images is not None:
+            image, depth = self.images(x, F, self.target.mean_square)
+            weighted |= {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
+        return weighted
+
+    def misfit(self, x: torch.Tensor, F: torch.Tensor) -> float:
+        """How badly a motion (see `evidence`) explains the clip; that of a better explanation is lower."""
+        with torch.no_grad():
+            return float(_sum(self.evidence(x, F)))
+
+    def track_rms(self, x: torch.Tensor) -> float:
+        """Misfit of one track coordinate [m] of particles x (T, P, 3) [m]."""
+        return self.target.rms(self.binding.apply((x - x[:1]).detach()))
+
+
+def _sum(weighted: dict[str, torch.Tensor]) -> torch.Tensor:
+    return sum((v.cpu() for v in weighted.values()), torch.zeros((), dtype=torch.float64))

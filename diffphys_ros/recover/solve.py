@@ -8,19 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_dilation
 
 from ..config import Settings
 from ..fields import Layout
 from ..particles import DensePoints, dense_points
-from ..types import Body, Recovery, Splats
-from .answer import assemble, linear_answer, simulated_answer
+from ..types import Body, Recovery, Splats, StartValues
+from .answer import Core, assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint, Stored
+from .confidence import Confidence, Explained, of_simulation, of_start
 from .curvature import track_hessian
 from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise, reach_of
 from .images import ImageTerm, Renderer
 from .law import law_to_fit
-from .linear import linear_displacement
 from .minimise import Iterate, begin, minimise
 from .objective import Objective, Prior
 from .observations import TrackTarget, acceleration_scale
@@ -31,8 +32,9 @@ from .scan import best_scale
 from .train import Trained, train
 from .zones import divided, in_parts, zones_of
 
+MISSING = 0.06  # share of the motion missed by linear modes from which their forced frames are taken with a margin
+MARGIN = 2  # frames on either side
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
-NEAR_NOISE = 3.0  # a refined misfit below this multiple of the track noise is trusted
 POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
 LONGEST_STEP, LONGEST_DAMPING = 0.4, 1.0  # of log E, and of damping in its units, in one iteration
 
@@ -75,7 +77,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         dense=0 if dense is None else len(dense.x),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
-    start = scaled_start(prepared.start, settings.fit.start_scale / disc.apparent)
+    start = scaled_start(with_wider_support(prepared.start), settings.fit.start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
@@ -89,11 +91,20 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    prior = Prior.of(layout, prepared.start, start_scale=weights.start_scale, precision=precision)
-    per_motion = weights.track_weight + (weights.image_weight if images else 0.0)
+    doubtful = start.forced & ~prepared.start.forced
+    prior = Prior.of(layout, start, start_scale=weights.start_scale, precision=precision, doubtful=doubtful)
+    per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
+
+
+def with_wider_support(start: StartValues) -> StartValues:
+    """Start values with a margin of frames that may carry a force as well, where linear modes, which the forced frames were read from, miss
+    much of the motion."""
+    if start.track_cost <= MISSING**2 or not start.forced.any():
+        return start
+    return replace(start, forced=binary_dilation(start.forced, iterations=MARGIN))
 
 
 def _dense(body: Body, splats: Splats | None) -> DensePoints:
@@ -207,21 +218,37 @@ def _news(problem: Problem, state: Iterate, iterations: int, seconds_left: float
     return Progress("fit", state.iteration, iterations, state.value, seconds_left, text, artefact=young)
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """An answer, and how badly it explains the clip."""
+
+    core: Core
+    misfit: float  # in the loss's own terms, without priors
+    track_rms_m: float  # of one coordinate [m]
+
+
+def _candidate(problem: Problem, core: Core) -> Candidate:
+    simulator = problem.forward.simulator
+    x, F = simulator.x_rest + simulator.tensor(core.displacement), simulator.tensor(core.F)
+    return Candidate(core, problem.objective.misfit(x, F), problem.objective.track_rms(x))
+
+
 def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recovery:
+    """The better explanation of the two: the simulated motion, or the linear motion of the start values."""
     with torch.no_grad():
         terms = problem.objective(state.z) if trained is None else trained.terms
-    points = problem.target.rest_points
-    linear = torch.as_tensor(linear_displacement(problem.prepared, points)).to(problem.target.observed)
-    noise, linear_rms = problem.prepared.tracks.noise_m, problem.target.rms(linear)
-    refined_rms = float("inf") if terms.motion is None else problem.objective.track_rms(terms.motion)
-    accepted = refined_rms <= NEAR_NOISE * noise or (trained is not None and refined_rms < linear_rms)  # fields may be under way still
-    core = simulated_answer(problem.disc, problem.layout, terms) if accepted else linear_answer(problem.prepared, problem.disc)
+    linear = _candidate(problem, linear_answer(problem.prepared, problem.disc))
+    simulated = None if terms.motion is None else _candidate(problem, simulated_answer(problem.disc, problem.layout, terms))
+    best = linear if simulated is None or linear.misfit < simulated.misfit else simulated
     metrics = {
-        "refined": bool(accepted),
-        "track_rms_m": refined_rms if accepted else linear_rms,
-        "track_rms_refined_m": refined_rms,
-        "track_rms_start_m": linear_rms,
-        "track_noise_m": noise,
+        "refined": best is simulated,
+        "misfit": best.misfit,
+        "misfit_refined": np.inf if simulated is None else simulated.misfit,
+        "misfit_start": linear.misfit,
+        "track_rms_m": best.track_rms_m,
+        "track_rms_refined_m": np.inf if simulated is None else simulated.track_rms_m,
+        "track_rms_start_m": linear.track_rms_m,
+        "track_noise_m": problem.prepared.tracks.noise_m,
         "loss": terms.parts,
         "loss_history": list(state.history),
         "iterations": state.iteration,
@@ -235,10 +262,25 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
     }
     if trained is not None:
         metrics["fields"] = trained.summary
-    return assemble(problem.prepared, problem.disc, core, problem.renderer, substeps=problem.forward.simulator.substeps, metrics=metrics)
+    return assemble(
+        problem.prepared,
+        problem.disc,
+        best.core,
+        problem.renderer,
+        confidence=_confidence(problem, best),
+        substeps=problem.forward.simulator.substeps,
+        metrics=metrics,
+    )
+
+
+def _confidence(problem: Problem, answer: Candidate) -> Confidence:
+    if not answer.core.refined:
+        return of_start(problem.prepared)
+    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.hessian)
+    return of_simulation(problem.prepared, problem.layout, explained)
 
 
 def _verdict(recovery: Recovery) -> str:
     m = recovery.metrics
-    kept = "refined by simulation" if m["refined"] else "start values kept: the simulation did not reach the track noise"
+    kept = "refined by simulation" if m["refined"] else "start values kept: linear modes explain the clip better than the simulation"
     return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]

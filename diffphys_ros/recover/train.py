@@ -182,7 +182,7 @@ def _passed(problem: Problem) -> np.ndarray:
 
 def _allowed(problem: Problem) -> np.ndarray:
     """1 in the frames (T - 1,) that may carry a force, 0 in those that are known to be free."""
-    return problem.prepared.start.forced[:-1].astype(float)
+    return np.isin(np.arange(len(problem.prepared.clip) - 1), problem.layout.forced).astype(float)
 
 
 def _tightness(problem: Problem) -> np.ndarray:

@@ -1,0 +1,74 @@
+"""How surely the stiffness of the answer is known, part by part, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fields import Layout
+from ..modes.start import WIDEST_SD, explained_badly
+from ..modes.support import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
+from .prepare import Prepared
+
+GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Of Young's modulus of n parts."""
+
+    log10_young_sd: np.ndarray  # (n,)
+    identified: np.ndarray  # bool, (n,)
+    reasons: tuple[str, ...]  # one sentence per part
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How well the simulated answer follows the tracks, and how much the unknowns matter to it."""
+
+    rms_m: float  # misfit of one track coordinate [m]
+    size_m: float  # rms of the tracked displacements [m]
+    hessian: np.ndarray  # of the loss, whose misfit is half the mean squared misfit over size_m^2; (size, size)
+
+
+def of_start(prepared: Prepared) -> Confidence:
+    """Of the start values."""
+    start = prepared.start
+    return Confidence(start.log10_young_sd, start.identified, start.reasons)
+
+
+def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> Confidence:
+    """Of the simulated answer: that of the start values, and the grid's scatter, where their modes hold; else from the simulation."""
+    start = prepared.start
+    if start.has_free_tail and start.modes_hold:
+        return Confidence(np.hypot(start.log10_young_sd, GRID_SCATTER), start.identified, start.reasons)
+    sd = np.sqrt(_fit_sd(prepared, layout, explained) ** 2 + start.geometry_sd**2 + GRID_SCATTER**2)
+    fault = _fault(prepared, layout, explained)
+    if fault:
+        return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd))
+    found = f"simulated within {1e3 * explained.rms_m:.2f} mm of {1e3 * explained.size_m:.2f} mm, where linear modes miss {100 * start.track_cost**0.5:.0f} % of the motion"
+    reasons = tuple(f"{found}." if s <= WIDEST_SD else f"log10 E is known to +-{s:.2f} only; {found}." for s in sd)
+    return Confidence(sd, sd <= WIDEST_SD, reasons)
+
+
+def _fault(prepared: Prepared, layout: Layout, explained: Explained) -> str:
+    """Why the simulated answer tells no stiffness; empty where it does."""
+    rms, size = np.sqrt(3) * explained.rms_m, explained.size_m
+    if explained_badly(rms, prepared.tracks.noise_m, size):
+        return f"the motion differs from the simulated one by {1e3 * rms:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
+    free_frames = int(len(prepared.clip) - 1 - layout.forced.max(initial=-1))
+    periods = free_frames * prepared.clip.period_s * float(prepared.start.frequencies_hz[0])
+    if free_frames < LEAST_TAIL_FRAMES or periods < LEAST_TAIL_PERIODS:
+        return f"only {free_frames} frames ({periods:.1f} periods) follow the last force, needs {LEAST_TAIL_FRAMES} and {LEAST_TAIL_PERIODS}; record a longer tail without force."
+    return ""
+
+
+def _fit_sd(prepared: Prepared, layout: Layout, explained: Explained) -> np.ndarray:
+    """Standard deviation of log10 E (n,) that the misfit leaves open with all other unknowns free. What is missed is common to all points
+    of a frame and to the frames of a quarter period."""
+    clip = prepared.clip
+    quarter = 0.25 / (max(float(prepared.start.frequencies_hz[0]), 1e-3) * clip.period_s)
+    independent = max(len(clip) / max(quarter, 1.0), 1.0)
+    variance = np.diag(np.linalg.inv(explained.hessian))[: layout.parts] * 3 * (explained.rms_m / explained.size_m) ** 2 / independent
+    return np.sqrt(variance) / np.log(10)

@@ -1,0 +1,76 @@
+"""Whole recoveries of the bundled clips through the command line, each made once for all gates that look at it.
+
+A gate compares recovered quantities (stiffness, force, trajectory, spread) with the truth of another simulator. Nothing here
+knows how the answer is found, so that the gates survive when that is written anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diffphys_ros import result
+from diffphys_ros.__main__ import main
+from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.score import net_force, read_truth
+from diffphys_ros.types import Recovery
+
+COARSE = ("--particles.cells", "3", "--particles.per_cell", "1.5", "--splats.refine_frames", "0")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A result folder, read and scored against the truth beside its clip."""
+
+    folder: Path
+    recovery: Recovery
+    metrics: dict[str, Any]  # with the figures of `diffphys score`
+    true_net_force: np.ndarray  # [N], (T, 3)
+
+    @property
+    def log10_young_error(self) -> list[float]:
+        """Of recovered over true, by part; NaN where not identified."""
+        return [np.nan if error is None else error for error in self.metrics["young_log10_error"]]
+
+    @property
+    def trajectory_error(self) -> float:
+        """Rms error over rms motion."""
+        return self.metrics["trajectory_rmse_over_rms_motion"]
+
+
+Recover = Callable[..., Answer]
+
+
+@pytest.fixture(scope="session")
+def recovered(tmp_path_factory: pytest.TempPathFactory) -> Recover:
+    """recovered("strip", "--fit.image_weight", "0") -> Answer; equal words are recovered once."""
+    prepared: dict[str, Path] = {}
+    answers: dict[tuple[str, ...], Answer] = {}
+
+    def ingested(kind: str) -> Path:
+        if kind not in prepared:
+            prepared[kind] = tmp_path_factory.mktemp(kind) / "clip.npz"
+            folder = sample_folder(kind)
+            assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(prepared[kind])]) == 0
+        return prepared[kind]
+
+    def recover(kind: str, *flags: str) -> Answer:
+        key = (kind, *flags)
+        if key not in answers:
+            out = tmp_path_factory.mktemp("_".join(key).replace("-", "").replace("/", "")[:60])
+            assert main(["recover", str(ingested(kind)), "--out", str(out), *COARSE, *flags]) == 0
+            answers[key] = scored(out, sample_folder(kind) / "truth.npz")
+        return answers[key]
+
+    return recover
+
+
+def scored(folder: Path, truth: Path) -> Answer:
+    """What a result folder holds, against a truth."""
+    assert main(["score", str(folder), "--truth", str(truth)]) == 0
+    return Answer(folder, result.load(folder), result.read_metrics(folder), net_force(read_truth(truth)))
