@@ -3,13 +3,14 @@ VENV ?= .venv
 PY := $(VENV)/bin/python
 export VENV
 
-.PHONY: help setup demo demo-starts graph test lint bench accuracy tables clean
+.PHONY: help setup demo demo-starts graph test check lint bench accuracy tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
-	@echo "make test         all tests"
+	@echo "make test         all tests (ten minutes of processor time)"
+	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
 	@echo "make accuracy     the simulator against beam theory and finite elements"
@@ -30,6 +31,9 @@ graph: setup
 
 test: setup
 	OMP_NUM_THREADS=1 $(PY) -m pytest
+
+check: lint
+	OMP_NUM_THREADS=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 lint: setup
 	$(PY) -m ruff check .

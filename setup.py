@@ -53,7 +53,7 @@ setup(
         "models": ["transformers>=5.0", "safetensors>=0.5", "pillow>=10"],
         # diffphys capture: structure from motion
         "capture": ["pycolmap>=4.0"],
-        "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
+        "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "pytest-xdist>=3.6", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
     },
     entry_points={
         "console_scripts": [f"diffphys = {NAME}.__main__:main", *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES)],

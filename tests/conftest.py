@@ -13,6 +13,18 @@ from diffphys_ros.types import Camera, Clip, Grid, Recovery
 FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
 SPACING = 0.01  # m
 
+TESTS = Path(__file__).parent
+SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, whole captures and processes: left out of `make check`
+SLOW_TIMEOUT_S = 600.0  # their waits end well before
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.is_relative_to(TESTS) and item.path.relative_to(TESTS).parts[0] in SLOW:
+            item.add_marker("slow")
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+
 
 @pytest.fixture(scope="session")
 def scenes() -> Path:

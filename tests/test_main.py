@@ -50,6 +50,7 @@ def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
     assert "empty.png" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(half_sample, tmp_path, capfd):
     """Both ways give the same fields."""
     clip, given = str(half_sample / "clip.mcap"), ["--config", str(half_sample / "given.yaml"), *QUICK]

@@ -13,7 +13,6 @@ from diffphys_ros.bags.maker.messages import FRAME_ID, WORLD
 from diffphys_ros.types import Camera
 
 
-
 def aim(body: Body, positions: np.ndarray) -> Camera:
     """Camera in the drawn direction from which the whole motion (T, N, 3) [m] fills the wanted share of the image."""
     points, bar = positions.reshape(-1, 3), body.bar

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 
 import pytest
 
@@ -50,6 +51,14 @@ def test_bad_input_ends_a_node_with_status_2_and_one_sentence(tmp_path, paramete
         assert domain.ended("fit_node") == 2
         assert words in domain.said("fit_node")
         assert "Traceback" not in domain.said("fit_node")
+
+
+@pytest.mark.skipif(find_spec("rerun") is not None, reason="rerun-sdk is installed")
+def test_without_rerun_the_inspector_says_what_to_install(tmp_path):
+    with Domain(tmp_path) as domain:
+        domain.node("inspect_node")
+        assert domain.ended("inspect_node") == 2
+        assert "the package 'rerun' is not installed; pip install" in domain.said("inspect_node")
 
 
 def test_no_node_waits_for_torch_before_it_answers():
