@@ -54,7 +54,7 @@ class InspectNode(StageNode):
         try:
             from diffphys_ros.report.rerun_log import Stream
         except ModuleNotFoundError as error:
-            raise InputError(f"inspect_node: the package {error.name!r} is not installed; pip install 'diffphys_ros[rerun]'") from error
+            raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
         return Stream(**sink)
 
     def _sink(self) -> dict[str, str]:

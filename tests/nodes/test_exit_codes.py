@@ -58,7 +58,7 @@ def test_without_rerun_the_inspector_says_what_to_install(tmp_path):
     with Domain(tmp_path) as domain:
         domain.node("inspect_node")
         assert domain.ended("inspect_node") == 2
-        assert "the package 'rerun' is not installed; pip install" in domain.said("inspect_node")
+        assert "needs the package 'rerun'; install" in domain.said("inspect_node")
 
 
 def test_no_node_waits_for_torch_before_it_answers():
