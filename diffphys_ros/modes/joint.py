@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..types import Body, Camera, StartValues, Tracks
+from .force import AXIAL_SHARE
 from .model import ModalModel
 
 ITERATIONS = 130
@@ -27,6 +28,8 @@ STARTS = (0.3, 1.0, 3.0)  # factors on the guess
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 LEAST_FREE = 8  # frames without a force below which the answer is the penalty's, not the clip's
 LOG_YOUNG = 2e-3  # misfit that one standard deviation of a believed log E is worth
+AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # penalties on the force along the body and across it: what a large swing takes off the length
+# looks like a huge force along it
 DAMPING_UNITS = (0.5, 5e-4)  # alpha [1/s], beta [s]
 
 
@@ -143,7 +146,8 @@ def _sparse(problem: _Problem, z: np.ndarray) -> np.ndarray:
         gradient[:n] += 2 * problem.tightness * z[:n]
         force = z[n + 2 :].reshape(-1, 3)
         weight = max(LAST_SPARSITY, FIRST_SPARSITY * FADING**k) / problem.frames
-        gradient[n + 2 :] += (weight * force / np.sqrt((force**2).sum(1, keepdims=True) + ROUNDING**2)).ravel()
+        size = np.sqrt(((force * AXES) ** 2).sum(1, keepdims=True) + ROUNDING**2)
+        gradient[n + 2 :] += (weight * AXES**2 * force / size).ravel()
         first = MOMENTS[0] * first + (1 - MOMENTS[0]) * gradient
         second = MOMENTS[1] * second + (1 - MOMENTS[1]) * gradient**2
         step = first / (1 - MOMENTS[0] ** (k + 1)) / (np.sqrt(second / (1 - MOMENTS[1] ** (k + 1))) + 1e-12)
@@ -170,7 +174,7 @@ def _refit(problem: _Problem, z: np.ndarray, forced: np.ndarray) -> tuple[float,
     difference = np.diff(np.eye(problem.frames), axis=0)
     per_frame = (REFIT_MAGNITUDE * np.eye(problem.frames) + REFIT_SMOOTH * difference.T @ difference) / problem.frames
     penalty = np.zeros((len(z), len(z)))
-    penalty[n + 2 :, n + 2 :] = np.kron(per_frame, np.eye(3))
+    penalty[n + 2 :, n + 2 :] = np.kron(per_frame, np.diag(AXES**2))
     penalty[range(n, n + 2), range(n, n + 2)] = 1e-3
     penalty[range(n), range(n)] = problem.tightness
     damping, best = 1e-3, (np.inf, z)

@@ -56,6 +56,11 @@ def begin(evaluate: Callable[[np.ndarray], Evaluation], z: np.ndarray, hessian: 
     return Iterate(z, here.value, here.gradient(), np.linalg.inv(hessian), history=(here.value,))
 
 
+def lost(z: np.ndarray) -> Iterate:
+    """A search that cannot begin at z, because the objective has no value there: finished, and no better than anything."""
+    return Iterate(z, np.inf, np.zeros_like(z), np.eye(len(z)), flat=2, history=(np.inf,))
+
+
 def minimise(
     evaluate: Callable[[np.ndarray], Evaluation], state: Iterate, *, iterations: int, limit: Callable[[np.ndarray, np.ndarray], float]
 ) -> Iterator[Iterate]:

@@ -22,8 +22,8 @@ from .observations import TrackTarget
 class Prior:
     """Quadratic priors on z, each the half inverse variance in units of the loss; weak where the data speak.
 
-    The force terms are the paper's smoothness (A.14) and a penalty on the mean square force, without which a force and its
-    own wobble about zero mean would cost nothing; both are tighter along the body, where a force moves hardly anything.
+    That of the force is the paper's smoothness (A.14), from and to no force where it begins and ends; tighter along the body, where a force
+    moves hardly anything.
     """
 
     hessian: np.ndarray  # (size, size)
@@ -34,17 +34,14 @@ class Prior:
     MISSED = 0.3  # standard deviation of log10 E that the start values' linear motion leaves open, as a multiple of the share of the motion
     # that it misses: modes that do not follow the swing do not have its frequency either
     DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
-    FORCE, SMOOTH, MOTION = 1e-5, 3e-4, 1e-6
-    DOUBTFUL_FORCE = 5e-4  # in place of FORCE in frames that only a margin makes forced
+    SMOOTH, MOTION = 3e-4, 1e-6
 
     @classmethod
-    def of(
-        cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None, doubtful: np.ndarray | None = None
-    ) -> Prior:
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
         """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
-        log E where more is known than the standard deviations. In `doubtful` frames (T,) a force is possible, but not expected."""
-        n, count = layout.parts, len(layout.forced)
+        log E where more is known than the standard deviations."""
+        n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
         sd = np.hypot(start.log10_young_sd, cls.MISSED * np.sqrt(start.track_cost))
         known = np.diag((np.log(10) * sd) ** -2.0) if precision is None else precision
@@ -52,8 +49,7 @@ class Prior:
         centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
-        size = np.full(count, cls.FORCE) if doubtful is None else np.where(doubtful[layout.forced], cls.DOUBTFUL_FORCE, cls.FORCE)
-        per_frame = np.diag(size) + cls.SMOOTH * difference.T @ difference
+        per_frame = cls.SMOOTH * difference.T @ difference
         stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
         motion = np.arange(layout.size)[layout.motion_slice]

@@ -22,7 +22,7 @@ from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise, reach_of
 from .images import ImageTerm, Renderer
 from .law import law_to_fit
-from .minimise import Iterate, begin, minimise
+from .minimise import Iterate, begin, lost, minimise
 from .objective import Objective, Prior
 from .observations import TrackTarget, acceleration_scale
 from .plan import Plan, fields_wanted, make_plan, search_budget_s
@@ -32,7 +32,7 @@ from .scan import best_scale
 from .train import Trained, train
 from .zones import divided, in_parts, zones_of
 
-MISSING = 0.06  # share of the motion missed by linear modes from which their forced frames are taken with a margin
+MISSING = 0.1  # share of the motion missed by linear modes from which their forced frames are taken with a margin
 MARGIN = 2  # frames on either side
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
@@ -91,8 +91,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         images = ImageTerm(prepared, renderer, every=plan.image_every, ssim_weight=weights.ssim_weight, with_depth=with_depth)
         images.calibrate(forward.simulator.x_rest)
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    doubtful = start.forced & ~prepared.start.forced
-    prior = Prior.of(layout, start, start_scale=weights.start_scale, precision=precision, doubtful=doubtful)
+    prior = Prior.of(layout, start, start_scale=weights.start_scale, precision=precision)
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
@@ -185,6 +184,9 @@ def _first(problem: Problem, stored: Stored | None) -> Generator[Progress, None,
     yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
     found = best_scale(problem.objective, start, room=_room(problem, start).min())
     problem.forward.ensure_substeps(problem.layout.young_of(found))
+    if not np.isfinite(problem.objective(found).value):
+        yield Progress("fit", text=f"{problem.objective.failures[-1]}; no modulus near the start keeps it there: the start values are the answer")
+        return lost(start)
     return begin(problem.objective, found, problem.hessian)
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 SPAN = 30.0  # factor about the search's moduli within which E may lie
 WARM_UP = 0.25  # share of the iterations in which the material rests, where the search has not fitted such a force before
 VARIATION_SD = 0.3  # prior standard deviation of log10 E about the search's constants, beside theirs
+FORCE = 1e-4  # weight of the mean square force of a field, in its unit
 POISSON_SD = 0.05  # prior standard deviation of nu: motion hardly tells it
 
 
@@ -107,7 +108,7 @@ class FieldModel:
         fit = self.problem.settings.fit
         away = (material.young / self.start.young).log().square() @ self.tightness
         ratio = ((material.poisson - self.start.poisson) / POISSON_SD).square().mean()
-        size = Prior.FORCE * force.square().sum(-1).mean() + fit.force_smoothness * self.smoothness(force)
+        size = FORCE * force.square().sum(-1).mean() + fit.force_smoothness * self.smoothness(force)
         return 0.5 * (Prior.LOG_YOUNG * (away + ratio) + len(force) * size)
 
 
