@@ -21,15 +21,15 @@ from pathlib import Path
 
 import numpy as np
 
-from diffphys_ros.bags.maker.bar import FPS, Bar, draw, draw_shaken, draw_strip
+from diffphys_ros.bags.maker.bar import FPS, Bar, draw, draw_flat, draw_strip
 from diffphys_ros.bags.maker.body import Body, Motion, clip_frames, first_free_frame, swing
 from diffphys_ros.bags.maker.files import write_files
 from diffphys_ros.bags.maker.film import aim, film
 
-KINDS = {"bar": draw, "strip": draw_strip, "shaken": draw_shaken}
+KINDS = {"bar": draw, "strip": draw_strip, "flat": draw_flat}
 DRAWS = 60
-SWAY = {"bar": (5, 20), "strip": (34, 50), "shaken": (5, 20)}  # largest motion [% of the length]
-COVER = {"bar": (5, 35), "strip": (3, 35), "shaken": (3, 35)}  # of the image by the object [%]
+SWAY = {"bar": (5, 20), "strip": (34, 50), "flat": (15, 35)}  # largest motion [% of the length]
+COVER = {"bar": (5, 35), "strip": (3, 35), "flat": (3, 35)}  # of the image by the object [%]
 LARGEST_MB = 1.5
 
 
@@ -95,7 +95,7 @@ def measure(kind: str, body: Body, frequencies: np.ndarray, motion: Motion, mask
 ABOUT = {
     "bar": "A soft bar of two parts (the second begins a third of the length from the clamp), clamped at one end, without gravity: a uniform\n"
     "gust across its axis, then free vibration.",
-    "shaken": "A soft bar of one part, shaken at its second frequency: mass and stiffness damping brake its two modes differently.",
+    "flat": "A soft flat bar of one part, struck aslant: mass and stiffness damping brake its fast and its slow swing differently.",
     "strip": "A soft strip that hangs from its upper end under gravity: one uniform gust swings its tip by more than a third of its length, then\n"
     "it swings freely. Linear modes miss this motion; a simulation follows it.",
 }

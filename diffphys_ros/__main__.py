@@ -1,4 +1,4 @@
-"""Command line: `diffphys recover | ingest | capture | score | settings`."""
+"""Command line: `diffphys recover | ingest | capture | simulate | score | settings`."""
 
 from __future__ import annotations
 
@@ -53,6 +53,15 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     capture.add_argument("images", type=Path, help="folder of images, video file, MCAP file or rosbag2 folder")
     capture.add_argument("--clip", type=Path, help="the clip whose object this is: its frame 0 gives world frame and metric scale")
     _common(capture, _capture, "folder of the capture, for depth.capture")
+
+    text = "a result simulated again, from its recovery.npz alone: the trajectory that it holds, or with other stiffness and force"
+    simulate = commands.add_parser("simulate", help=text, description=text + ".")
+    simulate.add_argument("folder", type=Path, help="folder that recover wrote")
+    simulate.add_argument("--out", required=True, type=Path, help=".npz to write: trajectory (T, N, 3) [m, world], period_s")
+    for name, text in (("young_scale", "factor on every Young's modulus"), ("force_scale", "factor on every force")):
+        simulate.add_argument(f"--{name}", default="1", help=text)
+    simulate.add_argument("--device", default="cpu", help="cpu or cuda:0")
+    simulate.set_defaults(run=_simulate)
 
     score = commands.add_parser("score", help="compare results with a known truth")
     score.add_argument("folder", type=Path, help="folder that recover wrote")
@@ -138,6 +147,31 @@ def _capture(options: argparse.Namespace) -> int:
     show(reconstruct(_existing(options.images), options.out, settings, clip))
     print(f"capture in {options.out}")
     return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    from . import result, store
+    from .resimulate import simulate_again
+
+    young_scale, force_scale = (_number(name, getattr(options, name)) for name in ("young_scale", "force_scale"))
+    recovery = result.load(options.folder)
+    result.check_writable(options.out.parent)
+    trajectory = simulate_again(recovery, young_scale=young_scale, force_scale=force_scale, device=options.device)
+    arrays = {"trajectory": trajectory, "period_s": recovery.period_s, "young_scale": young_scale, "force_scale": force_scale}
+    store.write_arrays(options.out, arrays)
+    away = np.linalg.norm(trajectory.astype(float) - recovery.trajectory, axis=-1)
+    print(f"simulated by {recovery.simulation.engine}: {away.max():.3g} m from the recovered trajectory at most, {np.sqrt((away**2).mean()):.3g} m rms")
+    print(f"trajectory in {options.out}")
+    return 0
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"command line: --{name} is {text!r}, must be a number; 1 simulates what was recovered") from error
 
 
 def _score(options: argparse.Namespace) -> int:

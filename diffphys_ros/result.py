@@ -1,11 +1,12 @@
 """Results on disk: recovery.npz, metrics.json and what shows them (recovery.mcap, recovery.rrd, summary.png).
 
-recovery.npz holds everything that a re-simulation needs, so that nothing is fitted twice. It depends on the input and the
-settings alone: no clock, no absolute path.
+recovery.npz holds everything that a re-simulation needs, so that nothing is fitted twice: resimulate.simulate_again has the
+trajectory from it. It depends on the input and the settings alone: no clock, no absolute path.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import tempfile
@@ -17,15 +18,16 @@ import numpy as np
 
 from . import config, store
 from .errors import InputError
-from .types import Body, Camera, Clip, Grid, MaterialPrior, Recovery, StartValues, Tracks
+from .types import PROBLEMS, Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 if TYPE_CHECKING:
     from .recover.prepare import Prepared
 
 RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
 
-_FIELDS = ("points", "volume", "part", "young_solver", "log10_young_sd", "poisson", "density", "force", "trajectory", "clamped")
-_SCALARS = ("substeps", "mass_damping", "stiffness_damping")
+_FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "force", "trajectory", "clamped")
+_FRAME = ("initial_velocity", "world_from_body", "gravity")
+_SCALARS = ("apparent_stiffness", "period_s", "substeps", "mass_damping", "stiffness_damping")
 
 
 def check_writable(folder: str | Path) -> Path:
@@ -44,10 +46,15 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     """Write recovery.npz and metrics.json into `folder`; returns the path of the former.
 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
-    part is not identified), young_solver (before the grid's correction), log10_young_sd, poisson, density, clamped (N,),
-    force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered, initial_velocity (N, 3),
-    grid_origin (3,), grid_dx, grid_size (3,), grid_clamp_index, substeps, mass_damping [1/s], stiffness_damping [s],
-    identified (n,), reasons (n,), period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of dotted settings).
+    part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
+    clamped (N,), force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered,
+    initial_velocity (N, 3), identified (n,), reasons (n,), period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
+    dotted settings).
+
+    For a re-simulation, in the body frame, whose pose is world_from_body (4, 4): gravity (3,), grid_origin (3,), grid_dx,
+    grid_size (3,), grid_clamp_index, substeps, mass_damping [1/s], stiffness_damping [s], apparent_stiffness
+    (E_apparent / E), engine ("mpm" or "modes": what made the trajectory) and, as mpm_NAME or modes_NAME, the fields of
+    types.MpmProblem (P particles, ghosts among them) or types.ModalProblem.
     """
     folder = check_writable(folder)
     path = store.write_arrays(folder / RECOVERY, _arrays(recovery, clip, settings))
@@ -63,10 +70,11 @@ def load(folder: str | Path) -> Recovery:
     notes = metrics.pop("notes", [])
     try:
         grid = Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"]))
-        fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, "young", "initial_velocity", "identified")}
+        fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
         return Recovery(
             **fields,
             **{name: z[name].item() for name in _SCALARS},
+            simulation=_simulation(z, path),
             frames=z.get("frames"),
             grid=grid,
             reasons=tuple(z["reasons"].tolist()),
@@ -75,6 +83,18 @@ def load(folder: str | Path) -> Recovery:
         )
     except KeyError as error:
         raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
+
+
+def _simulation(z: dict[str, np.ndarray], path: Path) -> MpmProblem | ModalProblem:
+    """The initial value problem of a recovery.npz. Raises InputError, KeyError for an array that is missing."""
+    engine = str(z["engine"])
+    if engine not in PROBLEMS:
+        raise InputError(f"recovery {path}: engine {engine!r} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
+    kind = PROBLEMS[engine]
+    names = {f.name: f"{engine}_{f.name}" for f in dataclasses.fields(kind)}
+    optional = {f.name for f in dataclasses.fields(kind) if f.default is None}
+    stored: dict[str, Any] = {name: z[key] for name, key in names.items() if name not in optional or key in z}
+    return kind(**{name: value if value.ndim else value.item() for name, value in stored.items()})
 
 
 def write_all(
@@ -174,8 +194,9 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
     return {
         **{name: getattr(recovery, name) for name in _FIELDS},
         "young": np.where(recovery.identified[recovery.part - 1], recovery.young, np.nan),
+        "young_solver": recovery.young_solver,
         **rendered,
-        "initial_velocity": recovery.initial_velocity,
+        **{name: getattr(recovery, name) for name in _FRAME},
         "grid_origin": grid.origin,
         "grid_dx": grid.dx,
         "grid_size": np.array(grid.size),
@@ -183,7 +204,8 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         **{name: getattr(recovery, name) for name in _SCALARS},
         "identified": recovery.identified,
         "reasons": np.array(recovery.reasons),
-        "period_s": clip.period_s,
+        "engine": np.array(recovery.simulation.engine),
+        **{f"{recovery.simulation.engine}_{name}": value for name, value in vars(recovery.simulation).items() if value is not None},
         "start_ns": clip.start_ns,
         "stamps_ns": clip.start_ns + np.rint(clip.times * 1e9).astype(np.int64),
         "frame_id": np.array(clip.camera.world_frame_id or clip.camera.frame_id),

@@ -8,10 +8,16 @@ coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
 IGNORE = 255  # label of pixels that are neither object nor background (an arm, an occluder)
+
+
+def transformed(a_from_b: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Coordinates in a, (..., 3), of points (..., 3) given in b; the transform is (4, 4)."""
+    return points @ a_from_b[:3, :3].T + a_from_b[:3, 3]
 
 
 @dataclass(frozen=True)
@@ -142,7 +148,7 @@ class Body:
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """World coordinates (..., 3) of body points (..., 3)."""
-        return points @ self.world_from_body[:3, :3].T + self.world_from_body[:3, 3]
+        return transformed(self.world_from_body, points)
 
     def rotate_to_world(self, vectors: np.ndarray) -> np.ndarray:
         """World components (..., 3) of body vectors (..., 3)."""
@@ -249,14 +255,66 @@ class StartValues:
 
 
 @dataclass(frozen=True)
+class MpmProblem:
+    """The initial value problem that the material points solved: beside grid, substeps and damping all that their motion follows
+    from, to the bit. P particles in the solver's order, those that are no ghosts in the order of Recovery.points; body frame.
+    """
+
+    engine: ClassVar[str] = "mpm"
+
+    ghost: np.ndarray  # bool, shape (P,); see Particles
+    rest: np.ndarray  # [m], shape (P, 3)
+    volume: np.ndarray  # [m^3], shape (P,)
+    density: np.ndarray  # [kg/m^3], shape (P,)
+    young: np.ndarray  # as simulated [Pa], shape (P,)
+    poisson: np.ndarray  # as simulated, shape (P,)
+    position: np.ndarray  # in frame 0 [m], shape (P, 3); a body that settled under gravity is not quite at rest positions
+    velocity: np.ndarray  # in frame 0 [m/s], shape (P, 3)
+    velocity_gradient: np.ndarray  # C of APIC in frame 0 [1/s], shape (P, 3, 3)
+    deformation_gradient: np.ndarray  # F in frame 0, shape (P, 3, 3): its prestress
+    force: np.ndarray  # amplitude [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
+    force_weight: np.ndarray  # of the amplitude, shape (P,)
+    damping_shapes: np.ndarray  # modes that stiffness damping acts on, in any scale, shape (P, 3, m)
+    damping_gradients: np.ndarray  # d(shape_a)/dX_b [1/m], shape (P, 3, 3, m)
+    damping_frequencies: np.ndarray  # angular [rad/s], shape (m,)
+    law: str  # name of the constitutive law
+    plane_normal: np.ndarray  # floor and walls, out of the obstacle, shape (K, 3)
+    plane_offset: np.ndarray  # material stays where normal . x >= offset [m], shape (K,)
+    plane_friction: np.ndarray  # Coulomb's coefficient, shape (K,)
+    plane_kind: np.ndarray  # "sticky", "slip" or "separate", shape (K,)
+    field_force: np.ndarray | None = None  # on top of force * force_weight [N/m^3], as it acted, shape (T - 1, P, 3)
+
+
+@dataclass(frozen=True)
+class ModalProblem:
+    """The linear motion about frame 0 where the material points were not the answer: q'' + (alpha + beta K) q' + K q = load force,
+    K = elastic + geometric + retuning, displacement = basis q (see modes.ModalModel). N particles and r modes, body frame."""
+
+    engine: ClassVar[str] = "modes"
+
+    rest: np.ndarray  # [m], shape (N, 3)
+    young: np.ndarray  # [Pa], shape (N,)
+    basis: np.ndarray  # [kg^-1/2], shape (N, 3, r)
+    elastic: np.ndarray  # of these Young's moduli [1/s^2], shape (r, r)
+    geometric: np.ndarray  # of gravity's prestress [1/s^2], shape (r, r)
+    retuning: np.ndarray  # [1/s^2], shape (r, r)
+    load: np.ndarray  # modal loads of unit amplitudes along x, y, z, shape (r, 3)
+    force: np.ndarray  # amplitude [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
+    initial_displacement: np.ndarray  # modal coordinates in frame 0, shape (r,)
+    initial_velocity: np.ndarray  # their rates [1/s], shape (r,)
+
+
+PROBLEMS: dict[str, type[MpmProblem] | type[ModalProblem]] = {kind.engine: kind for kind in (MpmProblem, ModalProblem)}
+
+
+@dataclass(frozen=True)
 class Recovery:
-    """The answer: fields on the body's own particles, in the world frame."""
+    """The answer: fields on the body's own particles, in the world frame, and what moves them so."""
 
     points: np.ndarray  # at rest [m], shape (N, 3)
     volume: np.ndarray  # [m^3], shape (N,)
     part: np.ndarray  # 1..n, shape (N,)
     young: np.ndarray  # corrected for the grid's apparent stiffness [Pa], shape (N,)
-    young_solver: np.ndarray  # as the solver used it [Pa], shape (N,)
     log10_young_sd: np.ndarray  # shape (N,)
     poisson: np.ndarray  # shape (N,)
     density: np.ndarray  # [kg/m^3], shape (N,)
@@ -264,7 +322,12 @@ class Recovery:
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
     clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces
     frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
-    grid: Grid
+    world_from_body: np.ndarray  # rigid transform, m, shape (4, 4): of the body frame, which grid, gravity and simulation are in
+    gravity: np.ndarray  # body frame [m/s^2], shape (3,)
+    simulation: MpmProblem | ModalProblem  # whose solution the trajectory is
+    apparent_stiffness: float  # E_apparent / E of the grid: young over what the material points must be given
+    grid: Grid  # body frame
+    period_s: float  # between frames [s]
     substeps: int  # per frame
     mass_damping: float  # [1/s]
     stiffness_damping: float  # [s]
@@ -273,6 +336,17 @@ class Recovery:
     reasons: tuple[str, ...]  # per part, one sentence
     metrics: dict[str, object]  # what metrics.json holds
     notes: tuple[str, ...] = ()  # what was assumed, one sentence each
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates (..., 3) of body points (..., 3)."""
+        return transformed(self.world_from_body, points)
+
+    @property
+    def young_solver(self) -> np.ndarray:
+        """Young's modulus that the trajectory was really simulated with [Pa], shape (N,): for the material points that on their grid,
+        before its correction; for eigenmodes `young` itself."""
+        problem = self.simulation
+        return (problem.young if isinstance(problem, ModalProblem) else problem.young[~problem.ghost]).astype(float)
 
     def net_force(self) -> np.ndarray:
         """Sum of force * volume over the unclamped particles [N], shape (T, 3)."""

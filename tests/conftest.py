@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffphys_ros.types import Camera, Clip, Grid, Recovery
+from diffphys_ros.types import Camera, Clip, Grid, MpmProblem, Recovery
 
 FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
 SPACING = 0.01  # m
@@ -75,7 +75,6 @@ def made_recovery(made_clip: Clip) -> Recovery:
         volume=np.full(count, SPACING**3),
         part=part,
         young=young,
-        young_solver=0.96 * young,
         log10_young_sd=np.where(part == 1, 0.02, 0.03),
         poisson=np.full(count, 0.3),
         density=np.full(count, 500.0),
@@ -83,7 +82,12 @@ def made_recovery(made_clip: Clip) -> Recovery:
         trajectory=(points + motion).astype(np.float32),
         clamped=points[:, 0] < SPACING,
         frames=made_clip.frames,
+        world_from_body=np.eye(4),
+        gravity=np.zeros(3),
+        simulation=_problem(points, young / 0.96),
+        apparent_stiffness=0.96,
         grid=Grid(np.array([-0.03, -0.03, -0.03]), SPACING, (16, 8, 8), 3),
+        period_s=PERIOD_S,
         substeps=40,
         mass_damping=0.2,
         stiffness_damping=1e-3,
@@ -92,6 +96,33 @@ def made_recovery(made_clip: Clip) -> Recovery:
         reasons=("seen in two frequencies", "seen in two frequencies"),
         metrics={"psnr_masked": 31.0, "loss": [1.0, float("nan")]},
         notes=("density assumed",),
+    )
+
+
+def _problem(points: np.ndarray, young: np.ndarray) -> MpmProblem:
+    """The beam at rest, no ghost behind it and no mode damped."""
+    count = len(points)
+    return MpmProblem(
+        ghost=np.zeros(count, bool),
+        rest=points,
+        volume=np.full(count, SPACING**3),
+        density=np.full(count, 500.0),
+        young=young.astype(np.float32),
+        poisson=np.full(count, 0.3, np.float32),
+        position=points.astype(np.float32),
+        velocity=np.zeros((count, 3), np.float32),
+        velocity_gradient=np.zeros((count, 3, 3), np.float32),
+        deformation_gradient=np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
+        force=np.zeros((FRAMES, 3), np.float32),
+        force_weight=np.ones(count, np.float32),
+        damping_shapes=np.zeros((count, 3, 0), np.float32),
+        damping_gradients=np.zeros((count, 3, 3, 0), np.float32),
+        damping_frequencies=np.zeros(0, np.float32),
+        law="neo_hookean",
+        plane_normal=np.zeros((0, 3)),
+        plane_offset=np.zeros(0),
+        plane_friction=np.zeros(0),
+        plane_kind=np.zeros(0, "U8"),
     )
 
 

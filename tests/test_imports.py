@@ -37,8 +37,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "result": GROUND | STAGES | LEAVES | {"store", "recover", "report"},
     "report": GROUND,
     "score": GROUND | {"store", "result"},
+    "resimulate": GROUND | {"simulate", "modes", "result"},
     "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
-    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture"},
+    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture", "resimulate"},
     "__init__": GROUND,
 }
 
@@ -58,7 +59,7 @@ DOORS: dict[str, set[str]] = {
     "mujoco": {"bags/maker"},
 }
 
-SOLVER = ("fields", "simulate", "render", "losses", "recover", "result", "modes")
+SOLVER = ("fields", "simulate", "render", "losses", "recover", "result", "modes", "resimulate")
 FRONT_END_ONLY = ("rclpy", "mcap", "mcap_ros2", "rosbags", "rerun", "cv2", "skfem", "matplotlib")
 NOT_FOR_THE_SOLVER = ("modes.elements", "modes.mesh")
 

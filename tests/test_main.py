@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 
 from diffphys_ros.__main__ import main
@@ -28,6 +30,8 @@ QUICK = [
         (["recover", "{clip}", "--out", "/proc/none"], "choose a folder that can be written"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--topics.depth", "/nowhere"], "/nowhere"),
         (["score", "{tmp}", "--truth", "{tmp}/none.npz"], "no such file"),
+        (["simulate", "{tmp}", "--out", "{tmp}/again.npz"], "recovery.npz: no such file"),
+        (["simulate", "{tmp}", "--out", "{tmp}/again.npz", "--young_scale", "soft"], "--young_scale is 'soft', must be a number"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words, said, tmp_path, capfd):
@@ -42,7 +46,6 @@ def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words,
 
 def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
     import cv2
-    import numpy as np
 
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((240, 320), np.uint8))
     words = ["recover", str(sample_folder() / "clip.mcap"), "--out", str(tmp_path / "out"), "--scene.first_mask", str(tmp_path / "empty.png")]
@@ -63,11 +66,29 @@ def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(h
     assert main(["recover", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "solver")]) == 0
     whole, solver = ((tmp_path / name / "recovery.npz").read_bytes() for name in ("whole", "solver"))
     assert whole == solver
+    simulate_both_ways(tmp_path, capfd)
     assert main(["score", str(tmp_path / "whole"), "--truth", str(sample_folder() / "truth.npz")]) == 0
     metrics = json.loads((tmp_path / "whole" / "metrics.json").read_text())
     assert max(abs(e) for e in metrics["young_log10_error"]) < 0.06
     assert metrics["net_force_cosine"] > 0.95
     assert {"psnr_masked", "psnr_masked_frozen_frame", "ssim_masked"} <= set(metrics)
+
+
+def simulate_both_ways(folder, capfd):
+    """The stored trajectory comes back from recovery.npz alone, and another force gives another."""
+    alone = folder / "alone"
+    alone.mkdir()
+    shutil.copy(folder / "whole" / "recovery.npz", alone)
+    capfd.readouterr()
+    assert main(["simulate", str(alone), "--out", str(folder / "again.npz")]) == 0
+    assert ": 0 m from the recovered trajectory at most" in capfd.readouterr().out
+    assert main(["simulate", str(alone), "--out", str(folder / "pushed.npz"), "--force_scale", "2"]) == 0
+    assert main(["simulate", str(alone), "--out", str(folder / "none.npz"), "--young_scale", "0"]) == 2
+    assert capfd.readouterr().err.strip().endswith("young_scale is 0, must be > 0; 1 simulates what was recovered")
+    assert not (folder / "none.npz").exists()
+    recovered, again, pushed = (np.load(path)["trajectory"] for path in (alone / "recovery.npz", folder / "again.npz", folder / "pushed.npz"))
+    np.testing.assert_array_equal(again, recovered)
+    assert np.ptp(pushed, axis=0).max() > 1.5 * np.ptp(recovered, axis=0).max()
 
 
 def test_every_setting_is_listed(capsys):

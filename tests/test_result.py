@@ -14,18 +14,68 @@ from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
 from diffphys_ros.modes.model import ModalModel
 from diffphys_ros.recover.prepare import Prepared
-from diffphys_ros.types import Body, Clip, Recovery, StartValues, Tracks
+from diffphys_ros.types import Body, Clip, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 
 def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
     result.save(made_recovery, made_clip, config.Settings(), tmp_path)
     back = result.load(tmp_path)
     for f in dataclasses.fields(Recovery):
-        if f.name not in ("grid", "metrics"):
+        if f.name not in ("grid", "metrics", "simulation"):
             np.testing.assert_array_equal(getattr(back, f.name), getattr(made_recovery, f.name), err_msg=f.name)
     assert (back.grid.dx, back.grid.size, back.grid.clamp_index) == (0.01, (16, 8, 8), 3)
     np.testing.assert_array_equal(back.grid.origin, made_recovery.grid.origin)
     assert back.force.dtype == np.float32
+
+
+def made_modes(recovery: Recovery) -> ModalProblem:
+    count, modes = len(recovery.points), 3
+    shapes = {"rest": (count, 3), "young": (count,), "basis": (count, 3, modes), "load": (modes, 3), "force": (len(recovery.trajectory), 3)}
+    vectors = dict.fromkeys(("initial_displacement", "initial_velocity"), (modes,))
+    rng = np.random.default_rng(0)
+    return ModalProblem(**{f.name: rng.normal(size=(shapes | vectors).get(f.name, (modes, modes))) for f in dataclasses.fields(ModalProblem)})
+
+
+@pytest.mark.parametrize("kind", ["points", "points in a force field", "modes"])
+def test_what_moved_the_body_comes_back_in_its_own_scalar_type(tmp_path: Path, made_recovery: Recovery, made_clip: Clip, kind: str) -> None:
+    simulation: MpmProblem | ModalProblem = made_modes(made_recovery) if kind == "modes" else made_recovery.simulation
+    if kind == "points in a force field":
+        simulation = dataclasses.replace(simulation, field_force=np.ones(made_recovery.force[1:].shape, np.float32))
+    result.save(dataclasses.replace(made_recovery, simulation=simulation), made_clip, config.Settings(), tmp_path)
+    back = result.load(tmp_path).simulation
+    assert type(back) is type(simulation)
+    for name, value in vars(simulation).items():
+        assert np.asarray(getattr(back, name)).dtype == np.asarray(value).dtype, name
+        np.testing.assert_array_equal(getattr(back, name), value, err_msg=name)
+
+
+def test_a_result_that_is_loaded_and_saved_again_has_the_same_bytes(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    first = result.save(dataclasses.replace(made_recovery, identified=np.array([True, False])), made_clip, config.Settings(), tmp_path / "a")
+    second = result.save(result.load(tmp_path / "a"), made_clip, config.Settings(), tmp_path / "b")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_young_solver_is_what_was_simulated_and_not_what_the_correction_makes_of_it(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    for recovery in (made_recovery, dataclasses.replace(made_recovery, young=2 * made_recovery.young, apparent_stiffness=0.5)):
+        with np.load(result.save(recovery, made_clip, config.Settings(), tmp_path)) as z:
+            np.testing.assert_array_equal(z["young_solver"], made_recovery.simulation.young)
+
+
+@pytest.mark.parametrize("name", ["world_from_body", "engine", "mpm_ghost", "mpm_deformation_gradient", "mpm_damping_shapes"])
+def test_a_result_of_an_older_layout_is_refused_by_the_name_of_what_it_misses(
+    tmp_path: Path, made_recovery: Recovery, made_clip: Clip, name: str
+) -> None:
+    arrays = store.read_arrays(result.save(made_recovery, made_clip, config.Settings(), tmp_path), "recovery")
+    store.write_arrays(tmp_path / result.RECOVERY, {key: value for key, value in arrays.items() if key != name})
+    with pytest.raises(InputError, match=f"recovery .*: array '{name}' is missing; recover the clip again"):
+        result.load(tmp_path)
+
+
+def test_an_engine_of_a_later_version_is_refused(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    arrays = store.read_arrays(result.save(made_recovery, made_clip, config.Settings(), tmp_path), "recovery")
+    store.write_arrays(tmp_path / result.RECOVERY, arrays | {"engine": np.array("fem")})
+    with pytest.raises(InputError, match="engine 'fem' is unknown, must be one of mpm, modes; recover the clip again"):
+        result.load(tmp_path)
 
 
 def test_equal_recoveries_give_equal_bytes_wherever_the_mask_lay(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
@@ -147,6 +197,8 @@ def made_prepared(made_clip: Clip) -> Prepared:
         identified=np.array([True, False]),
         reasons=("seen", "hardly strains"),
         has_free_tail=True,
+        modes_hold=True,
+        geometry_sd=np.array([0.01, 0.01]),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
     body = Body(

@@ -97,7 +97,7 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
         young=motion["young"],
         log10_young_sd=np.minimum(np.maximum(spread, 0.1), sd),
         mass_damping=float(motion["mass_damping"]),
-        stiffness_damping=float(motion["stiffness_damping"]),
+        stiffness_damping=max(float(motion["stiffness_damping"]), 0.0),  # a negative one makes fast modes grow that the tracks hardly show
         forced=forced,
         force_family="uniform",
         footprint=np.zeros(0),

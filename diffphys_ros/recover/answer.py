@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
-from ..fields import Layout
 from ..footprints import footprint_weights
 from ..losses import foreground, psnr_frozen_frame, psnr_masked, ssim_masked
 from ..particles import held_by
-from ..types import Clip, Recovery
+from ..types import Clip, ModalProblem, MpmProblem, Recovery
 from .confidence import Confidence
-from .forward import Discretisation
+from .forward import Discretisation, ForwardModel, Motion
 from .images import Renderer
-from .linear import linear_motion
+from .linear import footprint_load, linear_motion
 from .objective import Terms
 from .prepare import Prepared
 
@@ -32,17 +32,22 @@ class Core:
     velocity0: np.ndarray  # [m/s], (P, 3)
     mass_damping: float  # [1/s]
     stiffness_damping: float  # [s]
-    refined: bool
+    simulation: MpmProblem | ModalProblem  # that gave the displacement
+
+    @property
+    def refined(self) -> bool:
+        """Whether the material points made the motion."""
+        return isinstance(self.simulation, MpmProblem)
 
 
-def simulated_answer(disc: Discretisation, layout: Layout, terms: Terms) -> Core:
+def simulated_answer(forward: ForwardModel, terms: Terms) -> Core:
     """The refined unknowns and the simulated motion."""
-    motion = terms.motion
+    disc, motion = forward.disc, terms.motion
     assert motion is not None
     unknowns = motion.unknowns
 
-    def array(tensor) -> np.ndarray:  # type: ignore[no-untyped-def]
-        return tensor.detach().double().cpu().numpy()
+    def array(tensor: torch.Tensor) -> np.ndarray:
+        return as_simulated(tensor).astype(float)
 
     return Core(
         array(motion.young) * disc.apparent,
@@ -54,8 +59,45 @@ def simulated_answer(disc: Discretisation, layout: Layout, terms: Terms) -> Core
         array(motion.start.v),
         float(unknowns.mass_damping),
         float(unknowns.stiffness_damping),
-        refined=True,
+        mpm_problem(forward, motion),
     )
+
+
+def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
+    """What the simulator was given for this motion, in its own scalar type: converted no further, so that it can be had again."""
+    p, start, damping, planes = forward.disc.particles, motion.start, forward.damping, forward.planes
+    poisson = forward.poisson if motion.field_poisson is None else motion.field_poisson
+    values = {
+        "young": motion.young,
+        "poisson": poisson,
+        "position": start.x,
+        "velocity": start.v,
+        "velocity_gradient": start.C,
+        "deformation_gradient": start.F,
+        "force": motion.unknowns.force,
+        "force_weight": forward.weights,
+        "damping_shapes": damping.shapes,
+        "damping_gradients": damping.gradients,
+        "damping_frequencies": damping.angular_frequencies,
+    }
+    return MpmProblem(
+        ghost=p.ghost,
+        rest=p.x_rest,
+        volume=p.volume,
+        density=p.density,
+        **{name: as_simulated(value) for name, value in values.items()},
+        law=forward.law,
+        plane_normal=np.array([plane.normal for plane in planes], float).reshape(-1, 3),
+        plane_offset=np.array([plane.offset_m for plane in planes], float),
+        plane_friction=np.array([plane.friction for plane in planes], float),
+        plane_kind=np.array([plane.kind for plane in planes], str),
+        field_force=None if motion.field_force is None else as_simulated(motion.field_force),
+    )
+
+
+def as_simulated(tensor: torch.Tensor) -> np.ndarray:
+    """The values of a tensor, in its scalar type."""
+    return tensor.detach().cpu().contiguous().numpy()
 
 
 def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
@@ -63,7 +105,25 @@ def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
     start = prepared.start
     displacement, F = linear_motion(prepared, disc.basis, disc.basis_gradient)
     velocity0, p = disc.basis @ start.initial_velocity, disc.particles
-    return Core(start.young[p.part - 1], p.poisson, displacement, F, start.force, None, velocity0, start.mass_damping, start.stiffness_damping, refined=False)
+    young, damping = start.young[p.part - 1], (start.mass_damping, start.stiffness_damping)
+    return Core(young, p.poisson, displacement, F, start.force, None, velocity0, *damping, modal_problem(prepared, disc))
+
+
+def modal_problem(prepared: Prepared, disc: Discretisation) -> ModalProblem:
+    """What the start values' linear motion follows from."""
+    start, modal, own = prepared.start, prepared.modal, disc.particles.own
+    return ModalProblem(
+        rest=disc.particles.x_rest[own],
+        young=start.young[disc.particles.part[own] - 1],
+        basis=disc.basis[own],
+        elastic=modal.elastic(start.young),
+        geometric=modal.geometric,
+        retuning=modal.retuning,
+        load=footprint_load(prepared),
+        force=start.force,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+    )
 
 
 def assemble(
@@ -90,7 +150,6 @@ def assemble(
         volume=p.volume[own],
         part=p.part[own],
         young=core.young[own],
-        young_solver=core.young[own] / disc.apparent,
         log10_young_sd=confidence.log10_young_sd[part],
         poisson=core.poisson[own],
         density=p.density[own],
@@ -98,7 +157,12 @@ def assemble(
         trajectory=trajectory.astype(np.float32),
         clamped=held_by(disc.grid, p.x_rest[own]),
         frames=frames,
+        world_from_body=body.world_from_body,
+        gravity=body.gravity,
+        simulation=core.simulation,
+        apparent_stiffness=disc.apparent,
         grid=disc.grid,
+        period_s=prepared.clip.period_s,
         substeps=substeps,
         mass_damping=core.mass_damping,
         stiffness_damping=core.stiffness_damping,

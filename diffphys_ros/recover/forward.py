@@ -77,10 +77,13 @@ def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str)
 
 
 def reach_of(prepared: Prepared) -> float:
-    """Room that the motion is given in the grid [m]."""
-    tracks = prepared.tracks
+    """Room that the motion is given in the grid [m]: for what the tracks show, and for what the start values' linear motion makes of ends
+    that no track follows, up to the body's own length."""
+    tracks, nodes = prepared.tracks, prepared.modal.nodes
     moved = np.linalg.norm(tracks.points - tracks.points[:1], axis=-1)[tracks.valid]
-    return REACH * float(np.quantile(moved, 0.999))
+    q = linear_coordinates(prepared)
+    linear = float(np.linalg.norm(np.tensordot(q - q[:1], prepared.modal.basis, (1, 2)), axis=-1).max())
+    return REACH * max(float(np.quantile(moved, 0.999)), min(linear, float(np.ptp(nodes, axis=0).max())))
 
 
 class ForwardModel:

@@ -10,8 +10,7 @@ from .prepare import Prepared
 
 def linear_coordinates(prepared: Prepared) -> np.ndarray:
     """Modal coordinates (T, r) of the start values' linear motion."""
-    start, modal = prepared.start, prepared.modal
-    load = modal.footprint_load(lambda x: footprint_weights(start.force_family, x, start.footprint))
+    start, modal, load = prepared.start, prepared.modal, footprint_load(prepared)
     return modal.respond(
         start.young,
         mass_damping=start.mass_damping,
@@ -21,6 +20,12 @@ def linear_coordinates(prepared: Prepared) -> np.ndarray:
         initial_displacement=start.initial_displacement,
         initial_velocity=start.initial_velocity,
     )
+
+
+def footprint_load(prepared: Prepared) -> np.ndarray:
+    """Modal loads (r, 3) of unit amplitudes of the start values' force along x, y, z."""
+    start = prepared.start
+    return prepared.modal.footprint_load(lambda x: footprint_weights(start.force_family, x, start.footprint))
 
 
 def linear_motion(prepared: Prepared, basis: np.ndarray, basis_gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -240,7 +240,7 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
     with torch.no_grad():
         terms = problem.objective(state.z) if trained is None else trained.terms
     linear = _candidate(problem, linear_answer(problem.prepared, problem.disc))
-    simulated = None if terms.motion is None else _candidate(problem, simulated_answer(problem.disc, problem.layout, terms))
+    simulated = None if terms.motion is None else _candidate(problem, simulated_answer(problem.forward, terms))
     best = linear if simulated is None or linear.misfit < simulated.misfit else simulated
     metrics = {
         "refined": best is simulated,

@@ -33,7 +33,7 @@ class ModalDamping:
             )
         weighted = shapes * mass[:, None, None]
         gram = torch.einsum("pak,pal->kl", weighted, shapes)
-        self.shapes, self.gradients = shapes, gradients
+        self.shapes, self.gradients, self.angular_frequencies = shapes, gradients, angular_frequencies
         self.rates = angular_frequencies**2 * period_s  # loss exponent of one frame over beta
         self.projection = torch.linalg.solve(gram, weighted.flatten(0, 1).T)  # modal velocity of a field (k, 3 P)
 

@@ -1,0 +1,56 @@
+"""The stored initial value problem of a result, solved once more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from .. import result
+from ..errors import InputError
+from ..types import MpmProblem, Recovery
+from .eigenmodes import eigenmodes
+from .material_points import material_points
+
+DEVICES = ("cpu", "cuda:0")
+Report = Callable[[float], None]
+
+
+def simulate_again(
+    recovery: Recovery | str | Path,
+    *,
+    young_scale: float = 1.0,
+    force_scale: float = 1.0,
+    device: str = "cpu",
+    report: Report | None = None,
+) -> np.ndarray:
+    """Positions of the body's own particles [m], world frame, float32, shape (T, N, 3), as `Recovery.trajectory`.
+
+    `recovery` is one or the folder of one. On the kind of device that it was recovered on, the result is its trajectory to the
+    bit, else to rounding. `young_scale` and `force_scale` multiply every Young's modulus and every force. The state of frame 0
+    stays as it was recovered, its strain included: under gravity a softer body sags on from there. `device`: cpu or cuda:0;
+    `report` hears the share of frames done. Raises InputError, and SimulationError where the motion leaves the grid.
+    """
+    if not (np.isfinite(young_scale) and young_scale > 0):
+        raise InputError(f"young_scale is {young_scale:g}, must be > 0; 1 simulates what was recovered")
+    if not np.isfinite(force_scale):
+        raise InputError(f"force_scale is {force_scale:g}, must be finite; 1 simulates what was recovered")
+    _check(device)
+    if not isinstance(recovery, Recovery):
+        recovery = result.load(recovery)
+    problem = recovery.simulation
+    if isinstance(problem, MpmProblem):
+        displacement, own = material_points(recovery, problem, young_scale, force_scale, device=device, report=report), ~problem.ghost
+        moved = problem.rest[own] + displacement[:, own]
+    else:
+        moved = problem.rest + eigenmodes(recovery, problem, young_scale, force_scale)
+    return recovery.to_world(moved).astype(np.float32)
+
+
+def _check(device: str) -> None:
+    if device not in DEVICES:
+        raise InputError(f"device is {device!r}, must be one of {', '.join(DEVICES)}; leave it at {DEVICES[0]}")
+    if device != "cpu" and not torch.cuda.is_available():
+        raise InputError(f"device is {device!r}: there is no CUDA device; choose cpu")

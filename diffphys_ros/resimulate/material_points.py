@@ -1,0 +1,79 @@
+"""By the material-point simulator, as the fit ran it last."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
+from ..types import Grid, MpmProblem, Particles, Recovery
+
+
+def material_points(
+    recovery: Recovery,
+    problem: MpmProblem,
+    young_scale: float,
+    force_scale: float,
+    *,
+    device: str,
+    report: Callable[[float], None] | None = None,
+) -> np.ndarray:
+    """Displacements from frame 0 [m], body frame, shape (T, P, 3). Raises SimulationError."""
+    young = problem.young * problem.young.dtype.type(young_scale)
+    further = max(abs(force_scale), 1.0) / min(young_scale, 1.0)  # than it was recovered; as far, in the fit's own grid, to the bit
+    grid = recovery.grid if further == 1 else _roomier(recovery, further)
+    substeps = recovery.substeps if young_scale <= 1 else _substeps(recovery, problem, young)
+    simulator = _simulator(recovery, problem, grid, substeps, device)
+    see = simulator.tensor
+    start = State.assemble(*map(see, (problem.position, problem.velocity, problem.velocity_gradient, problem.deformation_gradient)))
+    force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
+    field = None if problem.field_force is None else force_scale * see(problem.field_force)
+    frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
+    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies)
+    beta = see(recovery.stiffness_damping)
+    with torch.no_grad():
+        states = simulator.rollout(
+            start,
+            see(young),
+            see(problem.poisson),
+            force,
+            see(recovery.mass_damping),
+            push=None if field is None else lambda state, frame: field[frame],
+            after_frame=lambda state: damping.kick(state, beta),
+            report=report,
+        )
+    return (states.x - states.x[:1]).double().cpu().numpy()
+
+
+def _substeps(recovery: Recovery, problem: MpmProblem, young: np.ndarray) -> int:
+    """Those of the fit, or as many as Young's moduli (P,) [Pa] need."""
+    needed = substeps_per_frame(young, problem.poisson, problem.density, dx=recovery.grid.dx, period_s=recovery.period_s, margin=1.0)
+    return max(recovery.substeps, needed)
+
+
+def _roomier(recovery: Recovery, further: float) -> Grid:
+    """The grid with whole cells added to all sides for a motion so many times as large, at most for one of the body's extent."""
+    grid, moved = recovery.grid, np.linalg.norm(recovery.trajectory - recovery.trajectory[0], axis=-1).max()
+    cells = int(np.ceil(min((further - 1) * moved, np.ptp(recovery.points, axis=0).max()) / grid.dx))
+    held = grid.clamp_index + cells if grid.clamp_index >= 0 else grid.clamp_index
+    nx, ny, nz = (n + 2 * cells for n in grid.size)
+    return Grid(grid.origin - cells * grid.dx, grid.dx, (nx, ny, nz), held)
+
+
+def _simulator(recovery: Recovery, problem: MpmProblem, grid: Grid, substeps: int, device: str) -> Simulator:
+    part = np.ones(len(problem.rest), np.uint8)  # the simulator knows particles alone
+    particles = Particles(problem.rest, problem.volume, part, problem.density, problem.poisson.astype(float), problem.ghost)
+    planes = zip(problem.plane_normal, problem.plane_offset, problem.plane_kind, problem.plane_friction, strict=True)
+    return Simulator(
+        particles,
+        grid,
+        substeps=substeps,
+        period_s=recovery.period_s,
+        gravity=recovery.gravity,
+        device=device,
+        dtype=torch.from_numpy(problem.young).dtype,
+        law=problem.law,
+        planes=tuple(Plane(normal, float(offset), str(kind), float(friction)) for normal, offset, kind, friction in planes),
+    )
