@@ -86,7 +86,7 @@ def five(tmp_path_factory, half_sample, given):
     folder = tmp_path_factory.mktemp("five")
     with Domain(folder) as domain:
         domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"))
-        domain.node("ingest_node", reliability="reliable", silence_s=3.0, config=given["config"])
+        domain.node("ingest_node", reliability="reliable", silence_s=6.0, config=given["config"])
         domain.node("fit_node", out=folder / "out", **given)
         domain.node("splat_node", **given)
         domain.node("segment_node", **given)

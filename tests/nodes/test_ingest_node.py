@@ -77,7 +77,7 @@ def camera(make_node):
 
 
 def test_silence_ends_the_clip_and_a_late_listener_gets_all_of_it(camera, made_clip):
-    c = camera(silence_s=0.5)
+    c = camera(silence_s=2.0)
     c.publish(made_clip, [k for k in range(len(made_clip)) if k != 4])
     c.until(lambda: c.node.state == "done")
     c.listen()

@@ -102,7 +102,7 @@ def test_a_recorded_mask_topic_reaches_the_segmenter_through_a_live_camera(bag, 
     with Domain(tmp_path) as domain:
         domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(bag), "--mask", SEGMENTER)
         domain.node("segment_node", **SETTINGS)
-        domain.node("ingest_node", reliability="reliable", silence_s=2.0)
+        domain.node("ingest_node", reliability="reliable", silence_s=5.0)
         assert_as_in_one_process(received(domain), expected)
         assert domain.end_all() == dict.fromkeys(domain.running, 0)
 
