@@ -1,9 +1,10 @@
 # Every target sets up .venv first (scripts/setup_venv.sh; seconds when nothing changed).
 VENV ?= .venv
 PY := $(VENV)/bin/python
+JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph test check lint bench accuracy tables clean
+.PHONY: help setup demo demo-starts graph test check mutants lint bench accuracy tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
@@ -11,6 +12,7 @@ help:
 	@echo "make graph        the five nodes as five processes against one process, full length"
 	@echo "make test         all tests (ten minutes of processor time)"
 	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
+	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
 	@echo "make accuracy     the simulator against beam theory and finite elements"
@@ -34,6 +36,9 @@ test: setup
 
 check: lint
 	OMP_NUM_THREADS=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+
+mutants: setup
+	$(PY) scripts/mutants.py --jobs $(JOBS) $(if $(TABLE),--table $(TABLE)) $(ONLY)
 
 lint: setup
 	$(PY) -m ruff check .

@@ -42,7 +42,6 @@ def main() -> int:
     metrics = result.read_metrics(OUT)
     overlay_truth(sample, metrics)
     good = print_comparison(metrics)
-    print("refined by simulation" if metrics["refined"] else "the start values are the result: the simulation came no nearer to the tracks")
     print_places()
     print(f"\n{time.monotonic() - began:.0f} s in all")
     return 0 if good else 1
@@ -121,7 +120,10 @@ def comparison(metrics: dict[str, Any]) -> list[tuple[str, str, str, str, bool |
             ("error of the stiff/soft ratio", f"{100 * (10**ratio - 1):.1f} %", "", f"<= {100 * RATIO:.0f} %", 10**ratio - 1 <= RATIO)
         )
     cosine, false_force = metrics["net_force_cosine"], metrics["false_force_ratio"]
+    simulated = metrics["misfit_refined"]
+    nearer = "none" if simulated is None else f"{100 * simulated / metrics['misfit_start']:.0f} %"
     rows += [
+        ("misfit of the simulation, share of the start's", nearer, "0", "refined", bool(metrics["refined"])),
         ("peak net force", f"{metrics['force_peak_n']:.3g} N", f"{metrics['force_peak_true_n']:.3g} N", "", None),
         ("direction of the net force, cosine", f"{cosine:.3f}", "1", f">= {COSINE}", cosine >= COSINE),
         ("false force, share of the peak", f"{100 * false_force:.1f} %", "0", f"<= {100 * FALSE_FORCE:.0f} %", false_force <= FALSE_FORCE),

@@ -47,17 +47,24 @@ Recover = Callable[..., Answer]
 
 
 @pytest.fixture(scope="session")
-def recovered(tmp_path_factory: pytest.TempPathFactory) -> Recover:
-    """recovered("strip", "--fit.image_weight", "0") -> Answer; equal words are recovered once."""
+def ingested(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """ingested("strip") -> its clip.npz, from which the solver goes on."""
     prepared: dict[str, Path] = {}
-    answers: dict[tuple[str, ...], Answer] = {}
 
-    def ingested(kind: str) -> Path:
+    def ingest(kind: str) -> Path:
         if kind not in prepared:
             prepared[kind] = tmp_path_factory.mktemp(kind) / "clip.npz"
             folder = sample_folder(kind)
             assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(prepared[kind])]) == 0
         return prepared[kind]
+
+    return ingest
+
+
+@pytest.fixture(scope="session")
+def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path]) -> Recover:
+    """recovered("strip", "--fit.image_weight", "0") -> Answer; equal words are recovered once."""
+    answers: dict[tuple[str, ...], Answer] = {}
 
     def recover(kind: str, *flags: str) -> Answer:
         key = (kind, *flags)

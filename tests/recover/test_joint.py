@@ -25,7 +25,7 @@ def test_stiffness_and_force_are_found_together_from_a_wrong_guess(prepared):
     )
     tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
     found = joint_values(prepared.body, tracks, PERIOD_S, start, prepared.modal, camera=make_camera())
-    assert abs(np.log10(found.young[0] / YOUNG[0])) < 0.12
+    assert np.abs(np.log10(found.young / YOUNG)).max() < 0.04  # the guess is .11 and .33 off
     assert found.track_cost < 0.01
     true, got = prepared.start.force, found.force
     assert (true * got).sum() / np.sqrt((true**2).sum() * (got**2).sum()) > 0.9

@@ -11,7 +11,10 @@ import pytest
 from diffphys_ros.types import Clip, Recovery
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.patches import StepPatch
+from matplotlib.text import Text
 
 from diffphys_ros.report import figure
 from diffphys_ros.report.colours import COMPONENTS, pascals, ramp, stiffness_colours
@@ -34,10 +37,17 @@ def test_equal_results_give_equal_figures(tmp_path: Path, made_recovery: Recover
     assert first == second
 
 
-def test_a_truth_changes_the_figure(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+def test_a_truth_is_written_beside_the_stiffness_and_drawn_over_the_force(made_recovery: Recovery, made_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: shown.append(self))
     truth = figure.Truth([8.2e4, 1.9e4], 1.1 * made_recovery.net_force())
-    plain = figure.summary(tmp_path / "a.png", made_recovery, made_clip).read_bytes()
-    assert figure.summary(tmp_path / "b.png", made_recovery, made_clip, truth=truth).read_bytes() != plain
+    for given in (None, truth):
+        figure.summary("nowhere.png", made_recovery, made_clip, truth=given)
+    plain, compared = ([text.get_text() for text in drawn.findobj(Text)] for drawn in shown)
+    assert not any("tru" in text for text in plain)
+    assert any("true 82 kPa, -2.4 %" in text and "true 19 kPa, +5.3 %" in text for text in compared)
+    dashed = [patch.get_data().values for patch in shown[1].findobj(StepPatch) if patch.get_linestyle() not in ("-", "solid")]
+    np.testing.assert_allclose(np.transpose(dashed), truth.net_force, atol=1e-12)
 
 
 def test_a_recovery_without_renders_still_has_a_figure(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:

@@ -21,6 +21,9 @@ GOOD = {
     "trajectory_rmse_over_rms_motion": 0.05,
     "psnr_masked": 31.0,
     "psnr_masked_frozen_frame": 20.0,
+    "refined": True,
+    "misfit_refined": 0.4,
+    "misfit_start": 0.8,
 }
 
 
@@ -52,6 +55,7 @@ def test_a_good_recovery_passes(scripts: tuple[ModuleType, ModuleType], capsys: 
         {"net_force_cosine": 0.94},
         {"false_force_ratio": 0.06},
         {"psnr_masked": 27.0},
+        {"refined": False},
     ],
 )
 def test_one_missed_bound_fails_the_demonstration(
@@ -69,3 +73,9 @@ def test_starts_must_agree_within_five_percent(scripts: tuple[ModuleType, Module
 
 def test_different_numbers_of_parts_never_agree(scripts: tuple[ModuleType, ModuleType]) -> None:
     assert scripts[1].print_table({"as it is": np.array([1e5, 5e4]), "from 3x": np.array([1e5])}) == 1
+
+
+@pytest.mark.parametrize(("found", "status"), [({}, 0), ({"refined": False}, 1), ({"trajectory_rmse_over_rms_motion": 0.045}, 1)])
+def test_answers_that_are_the_start_values_never_count(scripts: tuple[ModuleType, ModuleType], found: dict[str, object], status: int) -> None:
+    good = {"refined": True, "trajectory_rmse_over_rms_motion": 0.035}
+    assert scripts[1].print_simulated({"as it is": good, "from 3x": good | found}) == status
