@@ -4,13 +4,14 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph test mutants lint bench accuracy tables clean
+.PHONY: help setup demo demo-starts graph test check mutants lint bench accuracy tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
-	@echo "make test         all tests"
+	@echo "make test         all tests (ten minutes of processor time)"
+	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
@@ -32,6 +33,9 @@ graph: setup
 
 test: setup
 	OMP_NUM_THREADS=1 $(PY) -m pytest
+
+check: lint
+	OMP_NUM_THREADS=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 mutants: setup
 	$(PY) scripts/mutants.py --jobs $(JOBS) $(if $(TABLE),--table $(TABLE)) $(ONLY)

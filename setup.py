@@ -31,16 +31,15 @@ setup(
     ],
     python_requires=">=3.11",
     install_requires=[
-        "numpy>=2.0",
+        "numpy>=1.26.4",
         "scipy>=1.13",
         "scikit-fem>=12.0",
         "torch>=2.6",
         "warp-lang>=1.10",
-        "opencv-python-headless>=4.10",
+        "opencv-python-headless>=4.9",
         "mcap>=1.2",
         "mcap-ros2-support>=0.5.5",
         "rosbags>=0.11",
-        "rerun-sdk>=0.31",
         "pyyaml>=6.0",
         "tqdm>=4.66",
         "matplotlib>=3.9",
@@ -48,11 +47,13 @@ setup(
     extras_require={
         # never above: pip would lay these wheels over an apt ROS, which has them all (package.xml)
         "ros": ["ros-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"],
+        # recovery.rrd and inspect_node; an extra because it needs numpy 2, and an apt ROS has numpy 1.26
+        "rerun": ["rerun-sdk>=0.31"],
         # segment.model and depth.model: SAM, SAM 2 and MiDaS-class networks
         "models": ["transformers>=5.0", "safetensors>=0.5", "pillow>=10"],
         # diffphys capture: structure from motion
         "capture": ["pycolmap>=4.0"],
-        "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
+        "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "pytest-xdist>=3.6", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
     },
     entry_points={
         "console_scripts": [f"diffphys = {NAME}.__main__:main", *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES)],

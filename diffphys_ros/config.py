@@ -283,7 +283,7 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
             raise InputError(f"{origin}: unknown setting {name!r}{_nearest(name, known)}")
         group, key = name.split(".")
         groups.setdefault(group, {})[key] = _checked(known[name], value, origin)
-    return Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore
+    return Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore[operator]
 
 
 def flat(settings: Settings) -> dict[str, Any]:

@@ -43,11 +43,17 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
-    """A compressed .npz, whole or not at all; np.savez dates its members 1980, so equal arrays give equal bytes."""
+    """A compressed .npz, whole or not at all; np.savez dates its members 1980, so equal arrays give equal bytes.
+
+    Raises ValueError for arrays of Python objects: nothing is pickled.
+    """
+    objects = [name for name, values in arrays.items() if np.asarray(values).dtype.hasobject]
+    if objects:
+        raise ValueError(f"arrays {', '.join(objects)} hold Python objects; give numbers, booleans or text")
 
     def write(temporary: Path) -> None:
         with temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
+            np.savez_compressed(file, **arrays)  # numpy 1.26 would store allow_pickle as an array
 
     return write_whole(path, write)
 

@@ -99,7 +99,7 @@ class IngestNode(StageNode):
         except ImportError:
             pass  # an installation without tf2_msgs has camera_pose
         else:
-            self.create_subscription(TFMessage, "/tf_static", lambda tree: [self._on_link(link) for link in tree.transforms], latched())
+            self.create_subscription(TFMessage, "/tf_static", self._on_tree, latched())
         self.create_timer(0.1, self._look_for_silence)
 
     def _on_image(self, topic: str, message: Any) -> None:
@@ -121,6 +121,10 @@ class IngestNode(StageNode):
 
     def _on_info(self, message: Any) -> None:
         self.info = self.info or message
+
+    def _on_tree(self, tree: Any) -> None:
+        for link in tree.transforms:
+            self._on_link(link)
 
     def _on_link(self, link: Any) -> None:
         self.links[link.child_frame_id] = link

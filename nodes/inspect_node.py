@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from .qos import profile
 from .splat_topic import splats_of
 from .stage import StageNode
 
+if TYPE_CHECKING:
+    from diffphys_ros.report.rerun_log import Stream
+
 OWN = (
     Own("file", "diffphys.rrd", "rerun recording to write; its folder must exist"),
     Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, or 'spawn' for a new one"),
@@ -31,10 +34,8 @@ class InspectNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__("inspect_node", OWN)
-        from diffphys_ros.report.rerun_log import Stream
-
-        self.stream = Stream(**self._sink())
-        self.buffer = ClipBuffer()
+        self.stream = self._opened(self._sink())
+        self.buffer, self.shown = ClipBuffer(), set[str]()
         self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
         for name, show in self._views().items():
             topic = TOPICS[name]
@@ -47,6 +48,14 @@ class InspectNode(StageNode):
 
     def health(self) -> dict[str, Any]:
         return {"frames": len(self.buffer.images)}
+
+    @staticmethod
+    def _opened(sink: dict[str, str]) -> Stream:
+        try:
+            from diffphys_ros.report.rerun_log import Stream
+        except ModuleNotFoundError as error:
+            raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
+        return Stream(**sink)
 
     def _sink(self) -> dict[str, str]:
         file, viewer = self.parameters["file"], self.parameters["viewer"]
@@ -76,6 +85,9 @@ class InspectNode(StageNode):
             if getattr(message, "header", None) is not None and stamp_ns(message):
                 self.stream.at(stamp_ns(message))
             show(message)
+            if name not in self.shown:
+                self.shown.add(name)
+                self.get_logger().info(f"showing {name}")
         except InputError as error:
             self.get_logger().error(f"{name}: {error}")
 

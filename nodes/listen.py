@@ -140,7 +140,8 @@ def _end(listener: Listener, out: str | None) -> int:
         print(f"listen: {listener.failure or 'no answer came in time; is the fit node running in this ROS domain?'}", file=sys.stderr)
         return 1
     if out:
-        np.savez(out, **listener.arrays())
+        arrays: dict[str, Any] = listener.arrays()
+        np.savez(out, **arrays)
     return 0
 
 

@@ -37,7 +37,8 @@ class Parameters:
 
     def __init__(self, node: Node, own: Sequence[Own] = ()) -> None:
         self._node, self._own = node, {item.name: item for item in (CONFIG, *own)}
-        given = {name: _plain(p.value) for name, p in node.get_parameters_by_prefix("").items()}
+        overrides: Mapping[str, Any] = node.get_parameters_by_prefix("")
+        given = {name: _plain(p.value) for name, p in overrides.items()}
         given = {n: v for n, v in given.items() if n not in _RCLPY and not n.startswith(_QOS_PREFIX)}
         for item in self._own.values():
             self._declare(item.name, item.default, _describe_own(item), given)

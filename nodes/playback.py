@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from diffphys_ros.config import Playback as PlaybackSettings
 from diffphys_ros.msg_schemas.fields import Answer
 from diffphys_ros.msg_schemas.recording import played
 from diffphys_ros.msg_schemas.topics import relative
 
+from .stage import StageNode
+
 
 class Playback:
-    """Publishes ~/state, ~/force_markers, ~/net_force and ~/rendered frame by frame; stamps are those of the recording.
+    """Publishes ~/state, ~/force_markers, ~/net_force and ~/rendered frame by frame; stamps are those of the recording."""
 
-    Held by a node that has `send(name, fields)`.
-    """
-
-    def __init__(self, node: Node, answer: Answer, settings: PlaybackSettings) -> None:
+    def __init__(self, node: StageNode, answer: Answer, settings: PlaybackSettings) -> None:
         self.answer, self.frame = answer, 0
         self._node, self._loop = node, settings.loop
         self._timer = node.create_timer(answer.period_s / settings.rate, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME))

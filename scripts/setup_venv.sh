@@ -8,6 +8,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 venv=${VENV:-.venv}
+log=$venv/setup.log
 cpu_index=https://download.pytorch.org/whl/cpu
 
 stop() {
@@ -47,27 +48,38 @@ make_venv() {
     "$python" -m venv "$venv" || stop "$python -m venv $venv failed; see above"
 }
 
+# pip with its output in $log; where it fails, its last errors are shown.
 install() {
-    local pip=("$venv/bin/python" -m pip --disable-pip-version-check install --quiet --constraint constraints.txt)
-    local torch
-    torch=$(sed -n 's/^torch==\([0-9.]*\).*/\1/p' constraints.txt)
-    [[ -n $torch ]] || stop "constraints.txt holds no 'torch==VERSION' line; restore it"
-    echo "setup: installing pinned dependencies (a minute or two)"
-    if wants_cpu_torch; then
-        # the plain wheel would bring gigabytes of CUDA libraries; PyTorch documents this index for its CPU builds.
-        # Without its dependencies, which the next step brings: that index is asked for one package only.
-        "${pip[@]}" --no-deps "torch==$torch+cpu" --extra-index-url "$cpu_index"
-    else
-        "${pip[@]}" "torch==$torch"
-    fi
-    "${pip[@]}" --editable '.[ros,dev,capture]'
+    attempt "$@" && return
+    grep -v '^ *WARNING' "$log" | tail -n 15 >&2
+    stop "pip install ${*: -1} failed; its whole output is in $log"
 }
 
+attempt() { "$venv/bin/python" -m pip --disable-pip-version-check install --constraint constraints.txt "$@" >>"$log" 2>&1; }
+
+torch_version() { "$venv/bin/python" -c 'from importlib.metadata import version; print(version("torch"))' 2>/dev/null || true; }
+
+# The CPU build, from where pip looks anyhow (a local wheel) or from PyTorch's index of CPU builds; without its dependencies, which
+# the next step brings, so that this index is asked for one package only. Where neither has it, the plain wheel does the same.
+install_torch() {
+    local pin
+    pin=$(sed -n 's/^torch==\([0-9.]*\).*/\1/p' constraints.txt)
+    [[ -n $pin ]] || stop "constraints.txt holds no 'torch==VERSION' line; restore it"
+    case $(torch_version) in "$pin" | "$pin"+*) return ;; esac
+    if wants_cpu_torch; then
+        attempt --no-deps --retries 1 "torch==$pin+cpu" && return
+        attempt --no-deps --retries 1 --timeout 10 --index-url "$cpu_index" "torch==$pin+cpu" && return
+        echo "setup: no CPU build of torch $pin can be reached for this Python; the plain one comes in its place, 6.6 GB with CUDA libraries"
+    fi
+    install "torch==$pin"
+}
+
+# A CPU build that was followed by CUDA libraries means that an index served something else in its place.
 refuse_cuda_wheels() {
-    wants_cpu_torch || return 0
+    [[ $(torch_version) == *+cpu ]] || return 0
     local found
     found=$("$venv/bin/python" -m pip list --format=freeze 2>/dev/null | grep -i '^nvidia-' | head -1 || true)
-    [[ -z $found ]] || stop "this machine has no NVIDIA GPU, yet $found came along; remove $venv and check which package index serves torch"
+    [[ -z $found ]] || stop "torch is a CPU build, yet $found came along; remove $venv and check which package index serves torch"
 }
 
 main() {
@@ -75,7 +87,10 @@ main() {
     [[ -f $stamp && $(<"$stamp") == "$(fingerprint)" ]] && return
     [[ -x $venv/bin/python ]] || make_venv
     rm -f "$stamp"
-    install
+    echo "setup: installing pinned dependencies (a minute or two)"
+    : >"$log"
+    install_torch
+    install --editable '.[ros,rerun,models,capture,dev]'
     refuse_cuda_wheels
     fingerprint >"$stamp"
     echo "setup: done"

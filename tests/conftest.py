@@ -13,6 +13,18 @@ from diffphys_ros.types import Camera, Clip, Grid, MpmProblem, Recovery
 FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
 SPACING = 0.01  # m
 
+TESTS = Path(__file__).parent
+SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, whole captures and processes: left out of `make check`
+SLOW_TIMEOUT_S = 600.0  # their waits end well before
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.is_relative_to(TESTS) and item.path.relative_to(TESTS).parts[0] in SLOW:
+            item.add_marker("slow")
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+
 
 @pytest.fixture(scope="session")
 def scenes() -> Path:
@@ -21,6 +33,14 @@ def scenes() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("DIFFPHYS_SCENES names no folder of truth scenes")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def half_sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the bundled sample at half its size."""
+    from tests import halved  # late: the solver's tests need no OpenCV
+
+    return halved.write(tmp_path_factory.mktemp("half_sample"))
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
 NODES = {"ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node"}
 LINKED = ("nodes", "bags", "msg_schemas")
 
-pytestmark = pytest.mark.skipif(not (ROOT / "setup.py").exists(), reason="not a checkout")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (ROOT / "setup.py").exists(), reason="not a checkout")]
 
 
 @pytest.fixture(scope="module")

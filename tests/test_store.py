@@ -101,3 +101,13 @@ def test_a_failed_write_leaves_the_old_file_whole(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         store.write_whole(tmp_path / "a.txt", lambda path: path.write_text(3))  # type: ignore[arg-type]
     assert (tmp_path / "a.txt").read_text() == "old"
+
+
+def test_objects_of_python_are_refused_and_no_file_is_left(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="arrays odd hold Python objects"):
+        store.write_arrays(tmp_path / "a.npz", {"good": np.zeros(3), "odd": np.array([{}])})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_holds_the_arrays_that_were_given_and_nothing_else(tmp_path: Path) -> None:
+    assert set(store.read_arrays(store.write_arrays(tmp_path / "a.npz", {"x": np.zeros(3), "word": np.array("a")}), "a test")) == {"x", "word"}

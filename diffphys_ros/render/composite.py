@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="valid-type"
 # ruff: noqa: UP018 (Warp needs the call to tell a variable from a constant)
 
 """Kernels: front-to-back alpha compositing of the Gaussians of each tile, and its derivative.
@@ -72,10 +72,10 @@ def composite(
     mean_depth: wp.array(dtype=float),  # weighted by what each Gaussian adds [m]; 0 where nothing is
 ):
     thread = wp.tid()
-    pixel = pixel_of(layout, thread)
+    pixel = pixel_of(layout, thread)  # type: ignore[arg-type]
     if pixel[2] < 0:
         return
-    tile = tile_of(layout, thread)
+    tile = tile_of(layout, thread)  # type: ignore[arg-type]
     at = wp.vec2(float(pixel[0]), float(pixel[1]))
     passed = float(1.0)
     rgb = wp.vec3()
@@ -122,7 +122,7 @@ def composite_backward(
     d_color: wp.array(dtype=wp.vec3),
 ):
     thread = wp.tid()
-    pixel = pixel_of(layout, thread)
+    pixel = pixel_of(layout, thread)  # type: ignore[arg-type]
     if pixel[2] < 0:
         return
     if alpha[pixel[2]] == 0.0:
@@ -130,7 +130,7 @@ def composite_backward(
     c_rgb, c_alpha, c_z = d_image[pixel[2]], d_alpha[pixel[2]], d_mean_depth[pixel[2]] / alpha[pixel[2]]
     if wp.length_sq(c_rgb) == 0.0 and c_alpha == 0.0 and c_z == 0.0:
         return
-    tile = tile_of(layout, thread)
+    tile = tile_of(layout, thread)  # type: ignore[arg-type]
     at = wp.vec2(float(pixel[0]), float(pixel[1]))
     passed = float(1.0)
     behind = background[pixel[2] % background.shape[0]]

@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="operator,valid-type"
 
 """CUDA kernels: compositing as in composite.py, by warps of 32 threads that each paint a part of a tile, some pixels a thread.
 
@@ -200,7 +200,7 @@ def sum_pairs(
     i = wp.tid()
     total = vec10()
     if count[i] > 0:
-        entry = (wp.int64(wp.cast(depth[i], int)) << wp.int64(32)) | wp.int64(i)
+        entry = (wp.int64(wp.cast(depth[i], int)) << wp.int64(32)) | wp.int64(i)  # type: ignore[arg-type]
         first = (i / gaussians) * rows * columns
         for y in range(box[i][1], box[i][3]):
             for x in range(box[i][0], box[i][2]):

@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="operator,valid-type"
 
 """CUDA kernels: which Gaussians touch which tile of which frame, nearest first, without asking the device how many they are.
 
@@ -91,11 +91,11 @@ def list_pairs(
     if count[i] == 0:
         return
     # the bits of positive floats sort as the floats do
-    entry = (wp.int64(wp.cast(depth[i], int)) << wp.int64(32)) | wp.int64(i)
+    entry = (wp.int64(wp.cast(depth[i], int)) << wp.int64(32)) | wp.int64(i)  # type: ignore[arg-type]
     first = (i / gaussians) * rows * columns
     for y in range(box[i][1], box[i][3]):
         for x in range(box[i][0], box[i][2]):
-            k = wp.atomic_add(cursor, first + y * columns + x, 1)
+            k = wp.atomic_add(cursor, first + y * columns + x, 1)  # type: ignore[call-overload]
             if k < key.shape[0]:
                 key[k] = entry
 

@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="operator,valid-type"
 
 """Colours that change with the direction of view: real spherical harmonics of degree 0 to 3."""
 
@@ -48,7 +48,7 @@ def shade_frames(
     g = wp.tid()
     for frame in range(frames):
         i = frame * gaussians + g
-        rgb = from_direction(degree, g * (degree + 1) * (degree + 1), wp.normalize(mean[i] - eye), coefficient)
+        rgb = from_direction(degree, g * (degree + 1) * (degree + 1), wp.normalize(mean[i] - eye), coefficient)  # type: ignore[arg-type]
         color[i] = wp.max(rgb + wp.vec3(0.5, 0.5, 0.5), wp.vec3(0.0, 0.0, 0.0))
 
 

@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="operator,valid-type"
 # ruff: noqa: UP018 (Warp needs the call to tell a variable from a constant)
 
 """Kernels: 3D Gaussians to 2D Gaussians in the image (EWA splatting) and the way back.
@@ -95,12 +95,12 @@ def project(
     reach[i] = r
     peak[i] = opacity[g]
     paint[i] = color[i % colors]
-    box[i] = wp.vec4i(first_x, first_y, end_x, end_y)
+    box[i] = wp.vec4i(first_x, first_y, end_x, end_y)  # type: ignore[call-overload]
     count[i] = wp.max(end_x - first_x, 0) * wp.max(end_y - first_y, 0)
     if pairs.shape[0] > 0:
         columns, rows = (view.width - 1) / tile + 1, (view.height - 1) / tile + 1
-        for row in range(first_y, end_y):
-            for column in range(first_x, end_x):
+        for row in range(first_y, end_y):  # type: ignore[call-overload]
+            for column in range(first_x, end_x):  # type: ignore[call-overload]
                 wp.atomic_add(pairs, ((i / gaussians) * rows + row) * columns + column, 1)
 
 

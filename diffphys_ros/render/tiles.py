@@ -1,4 +1,4 @@
-# mypy: ignore-errors
+# mypy: disable-error-code="operator,valid-type"
 # ruff: noqa: UP018, RUF046 (Warp needs the call to tell a variable from a constant)
 
 """Which Gaussians touch which tile of which frame, nearest first."""

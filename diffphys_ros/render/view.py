@@ -1,5 +1,3 @@
-# mypy: ignore-errors
-
 """The camera as the kernels see it, and crop windows."""
 
 import numpy as np
@@ -37,7 +35,7 @@ def window_around(mask: np.ndarray, margin: int) -> Window:
 
     Raises InputError where the mask is empty.
     """
-    flat = mask.reshape(-1, *mask.shape[-2:]).any(0)
+    flat = np.any(mask.reshape(-1, *mask.shape[-2:]), axis=0)
     rows, columns = np.flatnonzero(flat.any(1)), np.flatnonzero(flat.any(0))
     if not len(rows):
         raise InputError("mask: has no pixel to render; give a mask that covers the object")

@@ -20,8 +20,8 @@ from .laws import law_of
 from .transfer import stencil, transfer
 from .world import Variant
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,valid-type"
 
 
 @cache

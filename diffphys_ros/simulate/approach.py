@@ -17,8 +17,8 @@ from .common import common
 from .contact import contact
 from .transfer import stencil
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,valid-type"
 
 
 @cache

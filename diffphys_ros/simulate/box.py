@@ -16,8 +16,8 @@ from ..types import Grid
 from .common import common
 from .world import world_of
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,index,name-defined,operator,valid-type"
 
 COLUMNS = 8
 NO_FLAG = 2**62
@@ -59,7 +59,7 @@ def enclosing(real: type, bordered: bool) -> SimpleNamespace:
 
     @wp.func
     def widen(extents: wp.array2d(dtype=int), simulation: int, axis: int, u: real, cells: real, nodes: int):
-        base, away = wp.floor(u - real(0.5)), wp.ceil(wp.abs(cells)) + real(1.0)
+        base, away = wp.floor(u - real(0.5)), wp.ceil(wp.abs(cells)) + real(1.0)  # type: ignore[type-var]
         low, high = clip(base - away, nodes, 0), clip(base + real(2.0) + away, nodes, nodes - 1)
         if low < extents[simulation, axis]:  # most particles are within by now and spare the atomic operation
             wp.atomic_min(extents, simulation, axis, low)

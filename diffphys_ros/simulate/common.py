@@ -2,20 +2,22 @@
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
 from . import lanes
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,operator,valid-type"
 
 
 @cache
 def common(real: type) -> SimpleNamespace:
     """Everything below, over `real` (wp.float32 or wp.float64)."""
     vec3, vec4, mat33 = wp.types.vector(3, real), wp.types.vector(4, real), wp.types.matrix((3, 3), real)
-    States = wp.array2d(dtype=vec4)  # of consecutive substeps, (slots, 6 B P): State's 24 scalars each; or an adjoint in slot 0
+    # of consecutive substeps, (slots, 6 B P): State's 24 scalars each; or an adjoint in slot 0
+    States: Any = wp.array2d(dtype=vec4)
     vectors = lanes.build(real)
     get, put, recall, keep = vectors.get, vectors.put, vectors.recall, vectors.keep
 
@@ -85,7 +87,7 @@ def common(real: type) -> SimpleNamespace:
     def affine(b: vec3, w: real, A: mat33):
         zero = real(0.0)
         x, y, z = vec4(A[0, 0], A[1, 0], A[2, 0], zero), vec4(A[0, 1], A[1, 1], A[2, 1], zero), vec4(A[0, 2], A[1, 2], A[2, 2], zero)
-        return Affine(lift(b, w), x, y, z)
+        return Affine(lift(b, w), x, y, z)  # type: ignore[call-arg]
 
     @wp.func
     def gradient(m: Affine):
@@ -96,7 +98,7 @@ def common(real: type) -> SimpleNamespace:
         a, b, c = recall(states, slot, 6 * p), recall(states, slot, 6 * p + 1), recall(states, slot, 6 * p + 2)
         d, e, f = recall(states, slot, 6 * p + 3), recall(states, slot, 6 * p + 4), recall(states, slot, 6 * p + 5)
         C = mat33(b[2], b[3], c[0], c[1], c[2], c[3], d[0], d[1], d[2])
-        return Particle(vec3(a[0], a[1], a[2]), vec3(a[3], b[0], b[1]), C, mat33(d[3], e[0], e[1], e[2], e[3], f[0], f[1], f[2], f[3]))
+        return Particle(vec3(a[0], a[1], a[2]), vec3(a[3], b[0], b[1]), C, mat33(d[3], e[0], e[1], e[2], e[3], f[0], f[1], f[2], f[3]))  # type: ignore[call-arg]
 
     @wp.func
     def store(states: States, slot: int, p: int, s: Particle):
@@ -110,7 +112,7 @@ def common(real: type) -> SimpleNamespace:
 
     @wp.func
     def material_of(materials: Materials, p: int):
-        return Material(get(materials.constants, p), materials.body[p], materials.volume[p], materials.mass[p])
+        return Material(get(materials.constants, p), materials.body[p], materials.volume[p], materials.mass[p])  # type: ignore[call-arg]
 
     @wp.func
     def put_material(materials: Materials, p: int, material: Material):

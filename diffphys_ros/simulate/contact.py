@@ -8,8 +8,8 @@ import warp as wp
 from .borders import EDGE, KINDS
 from .common import common
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,index,operator,valid-type"
 
 STICKY, SLIP, SEPARATE = range(len(KINDS))
 LANDING = 4.0  # substeps in which a body would cover what is left of its way to a plane: the blow is spread over a few
@@ -90,7 +90,7 @@ def _met(real: type) -> SimpleNamespace:
         if kind == separate and into >= real(0.0):
             return v
         along = v - wp.dot(normal, v) * normal
-        left = wp.length(along)
+        left = wp.length(along)  # type: ignore[call-overload]
         if into < real(0.0) and friction > real(0.0):
             share = wp.max(left + friction * into, real(0.0))
             if share == real(0.0):
@@ -109,7 +109,7 @@ def _met(real: type) -> SimpleNamespace:
         if kind == separate and into >= zero:
             return bar, zero, zero
         along = v - wp.dot(normal, v) * normal
-        speed = wp.length(along)
+        speed = wp.length(along)  # type: ignore[call-overload]
         normal_bar = wp.dot(normal, bar)
         flat_bar = bar - normal_bar * normal
         if into >= zero or speed == zero:

@@ -18,8 +18,8 @@ from .laws import law_of
 from .transfer import stencil, transfer
 from .world import Variant
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,valid-type"
 
 LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep * particles + particle) * 4 + reason
 

@@ -18,8 +18,8 @@ from .common import common
 from .forward import forward
 from .world import Variant, world_of
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,name-defined,valid-type"
 
 OPTIONS = {"enable_backward": False, "max_unroll": 3}
 
@@ -43,7 +43,7 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
         particle, material = load(states, slot, p), material_of(world.materials, p)
         p2g(lattice, particle, material, world.materials.node_force, momentum)
         if wp.static(tell is not None):
-            tell(lattice, particle.x, material.volume, world.borders)
+            tell(lattice, particle.x, material.volume, world.borders)  # type: ignore[misc]
 
     @wp.func
     def advance(
@@ -67,7 +67,7 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
         if not ends:
             p2g(lattice, after, material, world.materials.node_force, momentum)
             if wp.static(tell is not None):
-                tell(lattice, after.x, material.volume, world.borders)
+                tell(lattice, after.x, material.volume, world.borders)  # type: ignore[misc]
 
     return SimpleNamespace(begin=begin, advance=advance)
 
@@ -118,7 +118,7 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
         bar, share = load(bars, 0, p), material_of(world_bar.materials, p)
         bar, share = p2g_adjoint(lattice, particle, material, force, momentum_bar, bar, share, force_bar)
         if wp.static(tell_adjoint is not None):
-            bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)
+            bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)  # type: ignore[misc]
         if slot > 0:
             before = load(states, slot - 1, p)
             bar, share = g2p_adjoint(lattice, before, particle, material, at, velocity, bar, share, velocity_bar)
@@ -242,7 +242,7 @@ def parallel_forward(variant: Variant) -> SimpleNamespace:
 
     @of_module
     def grid(at: int, n: int, room: int, world: World, momentum: wp.array(dtype=t.vec4), velocity: wp.array(dtype=t.vec4)):
-        simulation, i = wp.tid()
+        simulation, i = wp.tid()  # type: ignore[misc]
         lattice = lattice_of(world, simulation)
         lattice.base = simulation * room  # as in its box, but known before that is loaded; nodes past the box are empty
         grid_of(i, lattice, at, world.start[0] + n, world.drag[simulation], world.borders, momentum, velocity)
@@ -302,7 +302,7 @@ def parallel_adjoint(variant: Variant) -> SimpleNamespace:
         velocity_bar: wp.array(dtype=t.vec4),
         momentum_bar: wp.array(dtype=t.vec4),
     ):
-        simulation, i = wp.tid()
+        simulation, i = wp.tid()  # type: ignore[misc]
         lattice = lattice_of(world, simulation)
         lattice.base = simulation * room
         drag, substep = world.drag[simulation], world.start[0] + n

@@ -9,8 +9,8 @@ import warp as wp
 from .common import common
 from .contact import contact
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="attr-defined,valid-type"
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ def picture(camera: Camera, *, texture: bool = True) -> tuple[np.ndarray, np.nda
     grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(float)
     shifts = [np.array(s) for s in ((-0.25, -0.25), (0.25, 0.25))]
     colour = np.mean([trace(camera, grid + s, texture=texture)[0] for s in shifts], 0)
-    _, depth, mask = trace(camera, grid, texture=texture)
+    _, depth, mask = trace(camera, grid, texture=False)
     return np.round(colour).astype(np.uint8), depth, mask
 
 

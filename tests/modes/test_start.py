@@ -35,6 +35,13 @@ def start(body, seen) -> StartValues:
     return start_values(body, seen, PERIOD_S, settings(at_rest=True))[0]
 
 
+@pytest.fixture(scope="module")
+def again(body, seen) -> tuple[StartValues, list[str]]:
+    """The same once more, with the news on the way."""
+    news: list[str] = []
+    return start_values(body, seen, PERIOD_S, settings(at_rest=True), news.append)[0], news
+
+
 def log10_error(start: StartValues) -> np.ndarray:
     return np.log10(start.young / YOUNG)
 
@@ -131,15 +138,13 @@ def test_a_wrong_body_raises_the_alarm(seen):
     assert not found.identified.all()
 
 
-def test_equal_input_gives_equal_bits(body, seen, start):
-    again = start_values(body, seen, PERIOD_S, settings(at_rest=True))[0]
-    assert np.array_equal(again.young, start.young)
-    assert np.array_equal(again.force, start.force)
+def test_equal_input_gives_equal_bits(start, again):
+    assert np.array_equal(again[0].young, start.young)
+    assert np.array_equal(again[0].force, start.force)
 
 
-def test_news_arrive_in_order(body, seen):
-    news: list[str] = []
-    start_values(body, seen, PERIOD_S, settings(at_rest=True), news.append)
+def test_news_arrive_in_order(again):
+    news = again[1]
     assert news[0].startswith("force in frames 3..")
     assert any(line.startswith("Young's modulus") for line in news)
 

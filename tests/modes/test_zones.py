@@ -11,6 +11,8 @@ from diffphys_ros.modes.zones import Zoned, zone_values
 
 from .made import PERIOD_S, bar, gust, modes_of, motion, settings, tracks
 
+pytestmark = pytest.mark.slow
+
 SIZE = {"length": 0.3, "height": 0.04, "thickness": 0.05, "pitch": 1e-3}
 BORDER = 0.13  # m; inside a zone
 STIFF, SOFT = 8e5, 2e5  # Pa

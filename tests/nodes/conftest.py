@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from .domains import claimed
+
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
@@ -29,14 +31,21 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
     return WithoutRos.from_parent(parent, path=module_path) if rclpy is None else None
 
 
+@pytest.fixture(scope="session")
+def domain() -> Iterator[int]:
+    """The ROS domain of the nodes in this process."""
+    with claimed() as number:
+        yield number
+
+
 @pytest.fixture
-def make_node() -> Iterator[Callable[..., Any]]:
+def make_node(domain: int) -> Iterator[Callable[..., Any]]:
     """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot)."""
     made: list[Any] = []
 
     def make(cls: Callable[[], Any], **parameters: object) -> Any:
         words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
-        rclpy.init(args=["--ros-args", *words], domain_id=100 + os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *words], domain_id=domain)
         made.append(cls())
         return made[-1]
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import diffphys_ros
 
+from .domains import claimed
+
 ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
-_DOMAINS = itertools.count(1 + os.getpid() % 90)
+PATIENCE_S = 120.0  # for what takes seconds, on however busy a machine; then something hangs
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -35,13 +37,20 @@ class Domain:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.environment = environment(next(_DOMAINS) % 100 + 1)
+        self.environment: dict[str, str] = {}
         self.running: dict[str, subprocess.Popen] = {}
+        self._claim = ExitStack()
 
     def __enter__(self) -> Domain:
+        self.environment = environment(self._claim.enter_context(claimed()))
         return self
 
     def __exit__(self, *error: object) -> None:
+        with self._claim:
+            self.kill()
+
+    def kill(self) -> None:
+        """Ends what still runs."""
         for process in self.running.values():
             if process.poll() is None:
                 process.kill()
@@ -63,7 +72,7 @@ class Domain:
         """What a process has written."""
         return self._log(name).read_text(errors="replace")
 
-    def await_words(self, name: str, words: str, timeout_s: float) -> None:
+    def await_words(self, name: str, words: str, timeout_s: float = PATIENCE_S) -> None:
         """Wait until a process has written these words; fails with its log where it ends before or takes longer."""
         until = time.monotonic() + timeout_s
         while words not in self.said(name):
@@ -71,28 +80,29 @@ class Domain:
             assert time.monotonic() < until, f"{name} has not said {words!r} in {timeout_s} s:\n{self.said(name)}"
             time.sleep(0.05)
 
-    def end(self, name: str, *signals: signal.Signals, gap_s: float = 0.0, patience_s: float = 20.0) -> int:
+    def end(self, name: str, *signals: signal.Signals, gap_s: float = 0.0) -> int:
         """Send signals to a process; its exit status."""
         process = self.running[name]
         for number in signals:
             process.send_signal(number)
             time.sleep(gap_s)
-        return self._wait(name, patience_s)
+        return self.ended(name)
 
     def end_all(self) -> dict[str, int]:
         """SIGINT to every process; the exit statuses."""
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
-        return {name: self._wait(name) for name in self.running}
+        return {name: self.ended(name) for name in self.running}
 
-    def _wait(self, name: str, patience_s: float = 20.0) -> int:
+    def ended(self, name: str) -> int:
+        """Wait until a process has ended; its exit status."""
         process = self.running[name]
         try:
-            return process.wait(patience_s)
+            return process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGABRT)  # has it write where it stands
-            process.wait(5)
-            raise AssertionError(f"{name} did not end within {patience_s} s:\n{self.said(name)}") from None
+            process.wait(PATIENCE_S)
+            raise AssertionError(f"{name} did not end within {PATIENCE_S} s:\n{self.said(name)}") from None
 
     def _log(self, name: str) -> Path:
         return self.folder / f"{name}.log"

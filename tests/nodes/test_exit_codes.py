@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
+from importlib.util import find_spec
 
 import pytest
 
-from diffphys_ros.bags.sample import sample_folder
-
-from .processes import Domain
+from .processes import ROOT, Domain
 
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
-@pytest.fixture(scope="module")
-def nodes(tmp_path_factory):
-    """Four fit nodes: two wait for topics, two work on the sample."""
-    sample = sample_folder()
-    with Domain(tmp_path_factory.mktemp("exit")) as domain:
-        for kind, parameters in (("idle", {}), ("busy", {"bag": sample / "clip.mcap", "config": sample / "given.yaml"})):
-            for which in ("int", "term"):
-                domain.node("fit_node", name=f"{kind}_{which}", **parameters)
-        yield domain
-
-
-@pytest.mark.parametrize("kind", ["idle", "busy"])
-@pytest.mark.parametrize(("which", "signals"), [("int", (INT, INT)), ("term", (TERM, TERM))])
-def test_a_doubled_signal_ends_a_node_with_status_0(nodes, kind, which, signals):
-    name = f"{kind}_{which}"
-    nodes.await_words(name, "waiting for" if kind == "idle" else "segment: object mask", 90)
-    assert nodes.end(name, *signals, gap_s=0.05) == 0
-    assert "Traceback" not in nodes.said(name)
+@pytest.mark.parametrize("signals", [(INT, INT), (TERM, TERM)])
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_doubled_signal_ends_a_node_with_status_0(half_sample, tmp_path, busy, signals):
+    bag = {"bag": half_sample / "clip.mcap", "config": half_sample / "given.yaml"} if busy else {}
+    with Domain(tmp_path) as domain:
+        domain.node("fit_node", **bag)
+        domain.await_words("fit_node", "segment: object mask" if busy else "waiting for")
+        assert domain.end("fit_node", *signals, gap_s=0.05) == 0
+        assert "Traceback" not in domain.said("fit_node")
 
 
 @pytest.mark.parametrize("number", [INT, TERM])
@@ -55,7 +47,21 @@ def test_a_signal_while_starting_ends_a_node_with_status_0(tmp_path, number, aft
 )
 def test_bad_input_ends_a_node_with_status_2_and_one_sentence(tmp_path, parameters, words):
     with Domain(tmp_path) as domain:
-        process = domain.node("fit_node", **parameters)
-        assert process.wait(30) == 2
+        domain.node("fit_node", **parameters)
+        assert domain.ended("fit_node") == 2
         assert words in domain.said("fit_node")
         assert "Traceback" not in domain.said("fit_node")
+
+
+@pytest.mark.skipif(find_spec("rerun") is not None, reason="rerun-sdk is installed")
+def test_without_rerun_the_inspector_says_what_to_install(tmp_path):
+    with Domain(tmp_path) as domain:
+        domain.node("inspect_node")
+        assert domain.ended("inspect_node") == 2
+        assert "needs the package 'rerun'; install" in domain.said("inspect_node")
+
+
+def test_no_node_waits_for_torch_before_it_answers():
+    nodes = ["ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node"]
+    code = f"import importlib, sys; [importlib.import_module('diffphys_ros.nodes.' + n) for n in {nodes}]; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0

@@ -17,6 +17,8 @@ from diffphys_ros.nodes.convert import message_class
 from diffphys_ros.nodes.fit_node import FitNode, Published
 from diffphys_ros.nodes.qos import profile
 
+from .processes import PATIENCE_S
+
 
 class Robot:
     """A node that subscribes to fit_node and calls its services, spun together with it."""
@@ -31,7 +33,7 @@ class Robot:
         topic, self.heard[name] = TOPICS[name], []
         self.me.create_subscription(message_class(topic.type_name), name.replace("~", "/fit_node"), self.heard[name].append, profile(topic))
 
-    def until(self, condition, timeout_s: float = 60.0) -> None:
+    def until(self, condition, timeout_s: float = PATIENCE_S) -> None:
         end = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < end, f"state {self.node.state}"
@@ -69,8 +71,8 @@ def robot(make_node):
         each.me.destroy_node()
 
 
-def test_a_fit_can_be_cancelled_and_begun_again(robot):
-    r = robot(bag=sample_folder() / "clip.mcap", config=sample_folder() / "given.yaml")
+def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
+    r = robot(bag=half_sample / "clip.mcap", config=half_sample / "given.yaml")
     r.listen("~/progress")
     r.until(lambda: "segment" in r.stages())
     assert not r.call("fit").success  # one runs
@@ -84,20 +86,20 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot):
     r.until(lambda: not r.node.worker.busy)
 
 
-FEW = {"fit__iterations": 3, "particles__cells": 3, "particles__per_cell": 1.5, "splats__iterations": 3, "splats__max_count": 300}
+FEW = {"fit__iterations": 3, "particles__cells": 3, "particles__per_cell": 1.5, "splats__iterations": 3, "splats__max_count": 300, "splats__refine_frames": 2}
 
 
-def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robot, tmp_path):
-    bag = {"bag": sample_folder() / "clip.mcap", "config": sample_folder() / "given.yaml", "out": tmp_path, "resume": True}
+def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robot, half_sample, tmp_path):
+    bag = {"bag": half_sample / "clip.mcap", "config": half_sample / "given.yaml", "out": tmp_path, "resume": True}
     r = robot(**bag, **FEW)
     r.listen("~/progress")
-    r.until(lambda: r.fits(1), 300)
+    r.until(lambda: r.fits(1))
     assert r.call("cancel").success
     r.until(lambda: r.node.state == "cancelled")
     assert (tmp_path / "checkpoint.npz").exists()
     r.heard["~/progress"].clear()
     assert r.call("fit").success
-    r.until(lambda: r.node.state == "done", 300)
+    r.until(lambda: r.node.state == "done")
     assert not r.fits(0)  # the start was not evaluated again
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["iterations"] == 3

@@ -19,6 +19,8 @@ from diffphys_ros.nodes.convert import message_class, to_ros
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.qos import latched, profile, sensor
 
+from .processes import PATIENCE_S
+
 
 class Camera:
     """A driver that publishes a clip's frames as raw topics, and a listener on clip/*."""
@@ -33,7 +35,7 @@ class Camera:
         self.pose = self.me.create_publisher(TransformStamped, "camera_pose", latched())
         self.until(lambda: self.image.get_subscription_count() and self.info.get_subscription_count())
 
-    def until(self, condition, timeout_s: float = 30.0) -> None:
+    def until(self, condition, timeout_s: float = PATIENCE_S) -> None:
         end = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < end, f"waiting for {self.node.waiting_for()}"
@@ -75,7 +77,7 @@ def camera(make_node):
 
 
 def test_silence_ends_the_clip_and_a_late_listener_gets_all_of_it(camera, made_clip):
-    c = camera(silence_s=0.5)
+    c = camera(silence_s=2.0)
     c.publish(made_clip, [k for k in range(len(made_clip)) if k != 4])
     c.until(lambda: c.node.state == "done")
     c.listen()

@@ -20,7 +20,7 @@ from diffphys_ros.nodes.qos import profile
 from diffphys_ros.segment import label_clip
 from diffphys_ros.types import Camera, Clip
 
-from .processes import Domain
+from .processes import PATIENCE_S, Domain
 
 SEGMENTER = "/segmenter/mask"
 SETTINGS = {"segment__max_parts": 1}
@@ -69,7 +69,7 @@ def expected(bag):
     return clip, label_clip(clip, settings)
 
 
-def received(domain: Domain, timeout_s: float = 90.0) -> ClipBuffer:
+def received(domain: Domain, timeout_s: float = PATIENCE_S) -> ClipBuffer:
     """The clip and its masks, as a listener hears them that came with the nodes."""
     context, buffer = rclpy.Context(), ClipBuffer()
     rclpy.init(context=context, domain_id=int(domain.environment["ROS_DOMAIN_ID"]))
@@ -102,7 +102,7 @@ def test_a_recorded_mask_topic_reaches_the_segmenter_through_a_live_camera(bag, 
     with Domain(tmp_path) as domain:
         domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(bag), "--mask", SEGMENTER)
         domain.node("segment_node", **SETTINGS)
-        domain.node("ingest_node", reliability="reliable", silence_s=2.0)
+        domain.node("ingest_node", reliability="reliable", silence_s=5.0)
         assert_as_in_one_process(received(domain), expected)
         assert domain.end_all() == dict.fromkeys(domain.running, 0)
 

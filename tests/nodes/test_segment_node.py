@@ -17,6 +17,8 @@ from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode, pixel_of
 
+from .processes import PATIENCE_S
+
 TEXTURE = np.random.default_rng(4).integers(0, 256, (16, 16, 3), dtype=np.uint8)
 
 
@@ -56,7 +58,7 @@ def feed(node: Watched, clip) -> None:
         node.take(topic, to_ros({"clip/camera_info": "sensor_msgs/msg/CameraInfo", "clip/camera_pose": "geometry_msgs/msg/TransformStamped", "clip/end": "std_msgs/msg/UInt32"}.get(topic, "sensor_msgs/msg/Image"), fields))
 
 
-def spin(node: Watched, done, timeout_s: float = 60.0) -> None:
+def spin(node: Watched, done, timeout_s: float = PATIENCE_S) -> None:
     executor, end = SingleThreadedExecutor(), time.monotonic() + timeout_s
     executor.add_node(node)
     while not done():

@@ -10,8 +10,10 @@ import pytest
 from diffphys_ros.errors import InputError
 from diffphys_ros.nodes.worker import CANCELLED, DONE, FAILED, NEWS, Worker
 
+from .processes import PATIENCE_S
 
-def events(worker: Worker, timeout_s: float = 5.0) -> list:
+
+def events(worker: Worker, timeout_s: float = PATIENCE_S) -> list:
     found, until = [], time.monotonic() + timeout_s
     while worker.busy and time.monotonic() < until:
         found += worker.poll()
@@ -44,7 +46,7 @@ def test_to_cancel_is_to_stop_iterating():
 
     worker = Worker()
     worker.start(endless)
-    worker.cancel(5.0)
+    worker.cancel(PATIENCE_S)
     assert events(worker)[-1] == (CANCELLED, None)
     assert cleaned.is_set()
 
@@ -54,7 +56,7 @@ def test_only_one_job_runs_at_a_time_and_another_may_follow():
 
     def waits():
         yield 0
-        gate.wait(5)
+        gate.wait(PATIENCE_S)
 
     worker = Worker()
     assert worker.start(waits)

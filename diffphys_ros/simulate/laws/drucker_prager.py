@@ -6,8 +6,8 @@ F but bears no stress until it is packed again: that is the volume correction of
 variable of its own.
 """
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,valid-type"
 
 import math
 

@@ -11,8 +11,8 @@ import warp as wp
 
 from . import isotropic
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,operator,valid-type"
 
 
 @cache
@@ -80,7 +80,7 @@ def build(real: type) -> SimpleNamespace:
             scale = radius * inverse
         k = (scale - real(1.0)) * dev
         N = wp.cw_mul(exp_slopes(k), in_frame(U, F_bar * wp.transpose(F)))
-        n = wp.get_diag(N)
+        n = wp.get_diag(N)  # type: ignore[arg-type]
         radius_bar = wp.dot(n, dev) * inverse
         coaxial = (radius_bar * per_trace - (scale - real(1.0)) * total(n) / real(3.0)) * vec3(real(1.0)) - (radius_bar * scale * inverse) * dev
         H = (scale - real(1.0)) * N + wp.diag(coaxial)

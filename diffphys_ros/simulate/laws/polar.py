@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,operator,valid-type"
 
 MOST_STEPS = 40  # a stretch of 1e-9 or 1e9 takes 35; usual ones 4 to 6
 SMALL_STEP = {wp.float32: 1e-4, wp.float64: 1e-8}  # the next one is its square

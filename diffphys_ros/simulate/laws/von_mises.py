@@ -3,8 +3,8 @@
 No hardening; volume is elastic. Return mapping of Simo (1992) in logarithmic strains.
 """
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,valid-type"
 
 import math
 

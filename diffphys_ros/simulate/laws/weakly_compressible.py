@@ -3,8 +3,8 @@
 tau = -J p I + 2 eta J dev(sym C) with the viscosity eta. The fluid remembers its volume alone: F is J^(1/3) I.
 """
 
-# Warp reads annotations as values, which mypy cannot:
-# mypy: ignore-errors
+# Warp reads annotations as values; mypy knows neither them nor what follows from them:
+# mypy: disable-error-code="index,operator,valid-type"
 
 import warp as wp
 

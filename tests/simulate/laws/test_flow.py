@@ -87,7 +87,7 @@ def test_loosened_sand_bears_no_stress_and_remembers_its_volume():
     F = loosened()
     after = projected("drucker_prager", F)
     np.testing.assert_allclose(np.linalg.det(after), np.linalg.det(F), rtol=1e-13)
-    np.testing.assert_allclose(after @ after.mT, np.tile(1.44 * UNIT, (len(F), 1, 1)), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(after @ after.swapaxes(1, 2), np.tile(1.44 * UNIT, (len(F), 1, 1)), rtol=0, atol=1e-13)
     (tau,) = evaluate("drucker_prager", "stress", after, constants_of("drucker_prager"))
     assert not tau.any()
 
