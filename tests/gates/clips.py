@@ -1,4 +1,4 @@
-"""Bundled clips made harder: what a recording shows in other light."""
+"""A bundled clip made harder: what a recording shows in other light."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from diffphys_ros.bags.maker.messages import clip_messages
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.write import write_recording
 
-LIGHT, PERIOD_FRAMES = 0.35, 7.3  # of the light on the object: largest change, and frames in which it comes and goes
+FADES = (3, 10)  # frames between which the light on the object goes
+LEFT = 0.6  # of it
 
 
-def in_changing_light(source: Path, folder: Path) -> Path:
-    """The clip of a bundled folder with light on the object, not on the room, that comes and goes; its truth and given.yaml beside it."""
+def in_fading_light(source: Path, folder: Path) -> Path:
+    """The clip of a bundled folder with light that fades on the object, not on the room; its truth and given.yaml beside it."""
     clip = read_clip(source / "clip.mcap", config.Settings())
     with np.load(source / "truth.npz") as truth:
         mask = np.unpackbits(truth["mask"])[: truth["mask_shape"].prod()].reshape(truth["mask_shape"]).astype(bool)
-    gain = 1 + LIGHT * np.sin(2 * np.pi * np.arange(len(clip)) / PERIOD_FRAMES)
-    lit = np.clip(clip.frames * gain[:, None, None, None], 0, 255).astype(np.uint8)
-    folder.mkdir(parents=True, exist_ok=True)
+    light = np.interp(np.arange(len(clip)), FADES, (1.0, LEFT))[:, None, None, None]
+    shown = np.where(mask[..., None], (clip.frames * light).astype(np.uint8), clip.frames)
     assert clip.depth is not None
-    write_recording(folder / "clip.mcap", clip_messages(clip.camera, np.where(mask[..., None], lit, clip.frames), clip.depth))
+    write_recording(folder / "clip.mcap", clip_messages(clip.camera, shown, clip.depth))
     for name in ("given.yaml", "mask0.png", "truth.npz"):
         shutil.copy(source / name, folder / name)
     return folder

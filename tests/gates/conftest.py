@@ -20,6 +20,8 @@ from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.score import net_force, read_truth
 from diffphys_ros.types import Recovery
 
+from .clips import in_fading_light
+
 COARSE = ("--particles.cells", "3", "--particles.per_cell", "1.5", "--splats.refine_frames", "0")
 
 
@@ -47,14 +49,27 @@ Recover = Callable[..., Answer]
 
 
 @pytest.fixture(scope="session")
-def ingested(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """folder_of("strip") -> folder with clip.mcap, given.yaml and truth.npz: a bundled clip, one of the tests' own, or one made from these."""
+    made: dict[str, Path] = {"flat": Path(__file__).parent / "flat"}
+
+    def folder(kind: str) -> Path:
+        if kind == "fading" and kind not in made:
+            made[kind] = in_fading_light(sample_folder("strip"), tmp_path_factory.mktemp(kind))
+        return made[kind] if kind in made else sample_folder(kind)
+
+    return folder
+
+
+@pytest.fixture(scope="session")
+def ingested(tmp_path_factory: pytest.TempPathFactory, folder_of: Callable[[str], Path]) -> Callable[[str], Path]:
     """ingested("strip") -> its clip.npz, from which the solver goes on."""
     prepared: dict[str, Path] = {}
 
     def ingest(kind: str) -> Path:
         if kind not in prepared:
             prepared[kind] = tmp_path_factory.mktemp(kind) / "clip.npz"
-            folder = sample_folder(kind)
+            folder = folder_of(kind)
             assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(prepared[kind])]) == 0
         return prepared[kind]
 
@@ -62,7 +77,7 @@ def ingested(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 @pytest.fixture(scope="session")
-def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path]) -> Recover:
+def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path], folder_of: Callable[[str], Path]) -> Recover:
     """recovered("strip", "--fit.image_weight", "0") -> Answer; equal words are recovered once."""
     answers: dict[tuple[str, ...], Answer] = {}
 
@@ -71,7 +86,7 @@ def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str]
         if key not in answers:
             out = tmp_path_factory.mktemp("_".join(key).replace("-", "").replace("/", "")[:60])
             assert main(["recover", str(ingested(kind)), "--out", str(out), *COARSE, *flags]) == 0
-            answers[key] = scored(out, sample_folder(kind) / "truth.npz")
+            answers[key] = scored(out, folder_of(kind) / "truth.npz")
         return answers[key]
 
     return recover

@@ -1,0 +1,15 @@
+"""A flat bar struck aslant swings fast across its width and slowly across its thickness, braked by mass and stiffness damping alike. With
+either left out the other brakes one of the two swings wrongly."""
+
+from __future__ import annotations
+
+from .conftest import Recover
+
+FINER = ("--particles.cells", "4", "--fit.image_weight", "0", "--fit.depth_weight", "0")
+
+
+def test_both_swings_are_braked_as_they_were(recovered: Recover) -> None:
+    answer = recovered("flat", *FINER)
+    assert answer.metrics["refined"]
+    assert abs(answer.log10_young_error[0]) < 0.03
+    assert answer.trajectory_error < 0.07

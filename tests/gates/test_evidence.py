@@ -1,0 +1,34 @@
+"""Each kind of evidence recovers the strip by itself: one that were left out of the fit would leave the start values' motion, .16 to .20 off."""
+
+from __future__ import annotations
+
+from .conftest import Answer, Recover
+from .test_strip import COSINE, FALSE_FORCE, YOUNG
+
+TRACKS, DEPTH, IMAGES = "--fit.track_weight", "--fit.depth_weight", "--fit.image_weight"
+FEW_GAUSSIANS = ("--splats.max_count", "60", "--fit.iterations", "10")  # so large that each must turn with the strip
+SURFACE, PICTURE = 0.06, 0.15  # bounds of the trajectory's error by what is measured in metres, and by colours alone
+
+
+def check(answer: Answer, trajectory: float) -> None:
+    assert answer.metrics["refined"]
+    assert abs(answer.log10_young_error[0]) < YOUNG
+    assert answer.trajectory_error < trajectory
+    assert answer.metrics["net_force_cosine"] > COSINE
+    assert answer.metrics["false_force_ratio"] < FALSE_FORCE
+
+
+def test_tracks_alone_recover_the_strip(recovered: Recover) -> None:
+    check(recovered("strip", IMAGES, "0", DEPTH, "0"), SURFACE)
+
+
+def test_depth_alone_recovers_the_strip(recovered: Recover) -> None:
+    check(recovered("strip", TRACKS, "0", IMAGES, "0", DEPTH, "1"), SURFACE)
+
+
+def test_squared_colour_differences_alone_recover_the_strip_with_gaussians_that_turn(recovered: Recover) -> None:
+    check(recovered("strip", TRACKS, "0", DEPTH, "0", "--fit.ssim_weight", "0", *FEW_GAUSSIANS), PICTURE)
+
+
+def test_structural_similarity_alone_recovers_the_strip_though_its_light_fades(recovered: Recover) -> None:
+    check(recovered("fading", TRACKS, "0", DEPTH, "0", "--fit.ssim_weight", "1000", *FEW_GAUSSIANS), PICTURE)
