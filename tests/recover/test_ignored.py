@@ -11,7 +11,6 @@ import torch
 from diffphys_ros.config import build
 from diffphys_ros.depth import surface_depth
 from diffphys_ros.particles import bind
-from diffphys_ros.recover.forward import Motion
 from diffphys_ros.recover.images import ImageTerm, Renderer, static_background
 from diffphys_ros.recover.prepare import Prepared
 from diffphys_ros.render import Rasterizer
@@ -55,7 +54,7 @@ def terms(prepared: Prepared, crossed: tuple[Occluded, Clip]):
         term = ImageTerm(own, renderer, every=2, ssim_weight=0.2, with_depth=True)
         x = points[None].repeat(len(clip), 1, 1).requires_grad_()
         F = torch.eye(3).expand(len(clip), count, 3, 3)
-        image, depth = term(Motion(x, F, None, None, None), 1e-4)
+        image, depth = term(x, F, 1e-4)
         (image + depth).backward()
         return image.item(), depth.item(), x.grad.numpy()
 

@@ -35,7 +35,9 @@ def zones(one_part):
 
 @pytest.fixture(scope="module")
 def recovery(one_part, zones):
-    return drive(solve(dataclasses.replace(one_part, zones=zones), None, FIELD))[1]
+    """From a force that is too weak: what the linear modes, of which the tracks were made, would explain to the last digit is off then."""
+    weak = dataclasses.replace(zones, start=dataclasses.replace(zones.start, force=0.8 * zones.start.force))
+    return drive(solve(dataclasses.replace(one_part, zones=weak), None, FIELD))[1]
 
 
 def truth(recovery) -> np.ndarray:
