@@ -55,9 +55,12 @@ def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
 
 @pytest.mark.slow
 def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(half_sample, tmp_path, capfd):
-    """Both ways give the same fields."""
+    """Both ways give the same fields, to the byte, though a truth lies beside the clip in one of them only."""
     clip, given = str(half_sample / "clip.mcap"), ["--config", str(half_sample / "given.yaml"), *QUICK]
-    assert main(["recover", clip, "--out", str(tmp_path / "whole"), *given]) == 0
+    assert not (half_sample / "truth.npz").exists()
+    shutil.copytree(half_sample, tmp_path / "beside")
+    shutil.copy(sample_folder() / "truth.npz", tmp_path / "beside")
+    assert main(["recover", str(tmp_path / "beside" / "clip.mcap"), "--out", str(tmp_path / "whole"), *given]) == 0
     names = {p.name for p in (tmp_path / "whole").iterdir()}
     rerun = {"recovery.rrd"} if find_spec("rerun") else set()
     assert names == {"recovery.npz", "metrics.json", "recovery.mcap", "summary.png"} | rerun

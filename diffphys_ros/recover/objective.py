@@ -34,11 +34,11 @@ class Prior:
     MISSED = 0.3  # standard deviation of log10 E that the start values' linear motion leaves open, as a multiple of the share of the motion
     # that it misses: modes that do not follow the swing do not have its frequency either
     DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
-    SMOOTH, MOTION = 3e-4, 1e-6
+    SMOOTH = 3e-4
 
     @classmethod
     def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
-        """Priors about the start values (log E, damping) and about zero (force, initial motion). The search may begin
+        """Priors about the start values (log E, damping) and about zero (changes of the force). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
         log E where more is known than the standard deviations."""
         n = layout.parts
@@ -52,8 +52,6 @@ class Prior:
         per_frame = cls.SMOOTH * difference.T @ difference
         stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
-        motion = np.arange(layout.size)[layout.motion_slice]
-        hessian[motion, motion] = cls.MOTION
         return cls(hessian, centre)
 
     def value(self, z: torch.Tensor) -> torch.Tensor:

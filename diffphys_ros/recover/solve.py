@@ -36,6 +36,7 @@ MISSING = 0.1  # share of the motion missed by linear modes from which their for
 MARGIN = 2  # frames on either side
 INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
 POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
+RIDGE = 1e-6  # curvature of the loss that is taken for certain in every direction: what nobody sees stays as it is
 LONGEST_STEP, LONGEST_DAMPING = 0.4, 1.0  # of log E, and of damping in its units, in one iteration
 
 
@@ -95,7 +96,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if images else 0.0)
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
-    return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian)
+    return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian + RIDGE * np.eye(layout.size))
 
 
 def with_wider_support(start: StartValues) -> StartValues:
