@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from .conftest import Answer, Recover
-from .test_strip import COSINE, FALSE_FORCE, YOUNG
+from .test_strip import COSINE, YOUNG
 
+FALSE_FORCE = 0.1  # twice that of all evidence together
 TRACKS, DEPTH, IMAGES = "--fit.track_weight", "--fit.depth_weight", "--fit.image_weight"
 NO_PICTURES = ("--splats.iterations", "5", "--splats.max_count", "100")
 FEW_GAUSSIANS = ("--splats.max_count", "60")  # so large that each must turn with the strip

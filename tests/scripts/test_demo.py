@@ -18,7 +18,7 @@ GOOD = {
     "false_force_ratio": 0.01,
     "force_peak_n": 1.0,
     "force_peak_true_n": 1.1,
-    "trajectory_rmse_over_rms_motion": 0.05,
+    "trajectory_rmse_over_rms_motion": 0.03,
     "psnr_masked": 31.0,
     "psnr_masked_frozen_frame": 20.0,
     "refined": True,
@@ -55,6 +55,7 @@ def test_a_good_recovery_passes(scripts: tuple[ModuleType, ModuleType], capsys: 
         {"net_force_cosine": 0.94},
         {"false_force_ratio": 0.06},
         {"psnr_masked": 27.0},
+        {"trajectory_rmse_over_rms_motion": 0.04},
         {"refined": False},
     ],
 )
