@@ -124,6 +124,10 @@ class Objective:
         with torch.no_grad():
             return float(_sum(self.evidence(x, F)))
 
+    def track_loss(self, x: torch.Tensor) -> float:
+        """TrackTarget.loss of particles x (T, P, 3) [m], whatever tracks weigh."""
+        return float(self.target.loss(self.binding.apply((x - x[:1]).detach())))
+
     def track_rms(self, x: torch.Tensor) -> float:
         """Misfit of one track coordinate [m] of particles x (T, P, 3) [m]."""
         return self.target.rms(self.binding.apply((x - x[:1]).detach()))

@@ -180,7 +180,7 @@ def _first(problem: Problem, stored: Stored | None) -> Generator[Progress, None,
         problem.forward.capture(stored.captured)
         return stored.state
     start, terms = problem.layout.start, problem.objective(problem.layout.start)
-    if terms.parts.get("track", np.inf) < POOR * problem.settings.fit.track_weight:
+    if terms.motion is not None and problem.objective.track_loss(terms.motion.x) < POOR:
         return begin(lambda z: terms, start, problem.hessian)
     yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
     found = best_scale(problem.objective, start, room=_room(problem, start).min())

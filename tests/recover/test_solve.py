@@ -200,3 +200,9 @@ def test_particles_taken_from_gaussians_are_laid_out_and_their_stiffness_is_meas
 def test_a_share_of_gaussians_is_refused_where_there_are_none(prepared):
     with pytest.raises(InputError, match=r"particles.downsample_ratio: there are 0 Gaussians"):
         drive(solve(prepared, None, build({"particles.downsample_ratio": 0.01})))
+
+
+def test_a_good_start_is_not_looked_for_elsewhere_because_tracks_weigh_nothing(prepared, quick_settings):
+    settings = build(flat(quick_settings) | {"fit.track_weight": 0.0, "fit.iterations": 1})
+    news, _ = drive(solve(prepared, None, settings))
+    assert not any("trying other moduli" in (n.text or "") for n in news)
