@@ -17,6 +17,7 @@ from .tail import Physics, differences, prior_residual
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit
 AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule
+AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # how much more a force costs along the body than across it
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest
 GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
 GAUSSIAN_DROP = 3.0  # and by as many sigma^2 a frame: under a uniform force what linear modes miss looks like a push at the outer end, by up
@@ -168,7 +169,7 @@ def _shifted(flags: np.ndarray, by: int) -> np.ndarray:
 
 def _calming(frames: int, unknowns: int) -> np.ndarray:
     """Rows of the priors on the force amplitudes: size, and change from frame to frame."""
-    axes = np.diag([1 / AXIAL_SHARE, 1.0, 1.0])
+    axes = np.diag(AXES)
     size = np.eye(3 * frames, unknowns)
     size[:, : 3 * frames] = np.kron(np.eye(frames), axes) / FORCE_SD
     change = np.kron(np.diff(np.eye(frames), axis=0), axes) / FORCE_STEP_SD

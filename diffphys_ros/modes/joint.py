@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..types import Body, Camera, StartValues, Tracks
-from .force import AXIAL_SHARE
+from .force import AXES
 from .model import ModalModel
 
 ITERATIONS = 130
@@ -28,8 +28,6 @@ STARTS = (0.3, 1.0, 3.0)  # factors on the guess
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 LEAST_FREE = 8  # frames without a force below which the answer is the penalty's, not the clip's
 LOG_YOUNG = 2e-3  # misfit that one standard deviation of a believed log E is worth
-AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # penalties on the force along the body and across it: what a large swing takes off the length
-# looks like a huge force along it
 DAMPING_UNITS = (0.5, 5e-4)  # alpha [1/s], beta [s]
 
 
@@ -146,6 +144,7 @@ def _sparse(problem: _Problem, z: np.ndarray) -> np.ndarray:
         gradient[:n] += 2 * problem.tightness * z[:n]
         force = z[n + 2 :].reshape(-1, 3)
         weight = max(LAST_SPARSITY, FIRST_SPARSITY * FADING**k) / problem.frames
+        # what a large swing takes off the length looks like a huge force along it
         size = np.sqrt(((force * AXES) ** 2).sum(1, keepdims=True) + ROUNDING**2)
         gradient[n + 2 :] += (weight * AXES**2 * force / size).ravel()
         first = MOMENTS[0] * first + (1 - MOMENTS[0]) * gradient

@@ -34,9 +34,3 @@ def linear_motion(prepared: Prepared, basis: np.ndarray, basis_gradient: np.ndar
     q = linear_coordinates(prepared)
     moved = q - q[:1]
     return np.einsum("pcr,tr->tpc", basis, moved), np.eye(3) + np.einsum("pijr,tr->tpij", basis_gradient, moved)
-
-
-def linear_displacement(prepared: Prepared, points: np.ndarray) -> np.ndarray:
-    """Displacements (T, M, 3) [m, body frame] from frame 0 of body points (M, 3), by the start values' linear motion."""
-    q = linear_coordinates(prepared)
-    return np.einsum("mcr,tr->tmc", prepared.modal.evaluate(points)[0], q - q[:1])

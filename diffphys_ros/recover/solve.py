@@ -185,10 +185,11 @@ def _first(problem: Problem, stored: Stored | None) -> Generator[Progress, None,
     yield Progress("fit", text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
     found = best_scale(problem.objective, start, room=_room(problem, start).min())
     problem.forward.ensure_substeps(problem.layout.young_of(found))
-    if not np.isfinite(problem.objective(found).value):
+    there = problem.objective(found)
+    if not np.isfinite(there.value):
         yield Progress("fit", text=f"{problem.objective.failures[-1]}; no modulus near the start keeps it there: the start values are the answer")
         return lost(start)
-    return begin(problem.objective, found, problem.hessian)
+    return begin(lambda z: there, found, problem.hessian)
 
 
 def _recapture(problem: Problem, state: Iterate) -> Iterate:

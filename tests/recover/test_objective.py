@@ -8,7 +8,7 @@ import torch
 
 from diffphys_ros.config import build
 from diffphys_ros.recover.curvature import track_hessian
-from diffphys_ros.recover.linear import linear_displacement
+from diffphys_ros.recover.linear import linear_motion
 from diffphys_ros.recover.observations import TrackTarget, acceleration_scale
 from diffphys_ros.recover.solve import pose_problem
 
@@ -24,14 +24,14 @@ def test_the_frozen_first_frame_costs_one_half_and_the_observed_motion_nothing(p
     target = TrackTarget.of(prepared.tracks, prepared.body, prepared.clip.camera, dtype=torch.float64, device="cpu")
     points0 = target.points0.numpy()
     assert float(target.loss(torch.zeros(*target.weight.shape, 3, dtype=torch.float64))) == pytest.approx(0.5)
-    exact = torch.as_tensor(linear_displacement(prepared, points0))
+    exact = torch.as_tensor(linear_motion(prepared, *prepared.modal.evaluate(points0))[0])
     assert float(target.loss(exact)) < 1e-8
 
 
 def test_without_depth_motion_along_the_line_of_sight_costs_almost_nothing():
     prepared = make_prepared(has_depth=False)
     target = TrackTarget.of(prepared.tracks, prepared.body, make_camera(), dtype=torch.float64, device="cpu")
-    exact = torch.as_tensor(linear_displacement(prepared, target.points0.numpy()))
+    exact = torch.as_tensor(linear_motion(prepared, *prepared.modal.evaluate(target.points0.numpy()))[0])
     rays = target.points0.numpy() - prepared.body.to_body(make_camera().position)
     along = torch.as_tensor(0.01 * rays / np.linalg.norm(rays, axis=1, keepdims=True))
     across = torch.tensor([0.0, 0.01, 0.0], dtype=torch.float64)
