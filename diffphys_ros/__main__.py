@@ -47,6 +47,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         _common(command, run, out)
         if name == "recover":
             command.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+            command.add_argument("--side_by_side", type=int, default=1, metavar="N", help="runs that share this machine: each has N times the time")
 
     text = "pictures of the still object from all around in; cameras, sparse points, Gaussians and frame 0's depth out"
     capture = commands.add_parser("capture", help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
@@ -103,18 +104,19 @@ def _flags(words: list[str]) -> dict[str, Any]:
 
 def _recover(options: argparse.Namespace) -> int:
     from . import result
-    from .recover import Checkpoint, run, solve_prepared
+    from .recover import Checkpoint, clock_of, run, solve_prepared
 
     is_prepared = str(options.clip).endswith(".npz")
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
     settings = config.layered(options.config, options.flags, base=base)
+    clock = clock_of(settings, side_by_side=options.side_by_side)
     result.check_writable(options.out)
     checkpoint = Checkpoint(options.out / "checkpoint.npz", every_s=settings.fit.checkpoint_every_s, resume=options.resume)
     if is_prepared:
         prepared = result.load_prepared(options.clip)
-        steps = solve_prepared(prepared, settings, checkpoint=checkpoint)
+        steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock)
     else:
-        steps = run(_existing(options.clip), settings, checkpoint=checkpoint)
+        steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock)
     prepared, splats, recovery = show(steps)
     notes = result.write_all(recovery, prepared.clip, settings, options.out, splats=splats)
     for note in (*recovery.notes, *notes):

@@ -167,7 +167,7 @@ class SplatSettings:
 class Fit:
     """The inverse solver."""
 
-    time_budget_s: float = setting(1500.0, "the fit chooses cells, particles and iterations to end inside it", unit="s", low=1.0, high=1e6)
+    time_budget_s: float | None = setting(None, "for a whole clip; cells, particles and iterations are chosen to end inside it; 120 on a GPU, 900 on a CPU where not given", unit="s", low=1.0, high=1e6)
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
     schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess", choices=("auto", "modes", "joint"))
     law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")

@@ -8,20 +8,31 @@ from pathlib import Path
 from ..config import Settings
 from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
+from .clock import Clock
 from .judge import Judge
+from .plan import time_budget_s
 from .prepare import Prepared, label, prepare
 from .progress import Progress, told
 from .refine import refine_gaussians
 from .solve import pick_device, solve
 
-__all__ = ["Checkpoint", "Judge", "Prepared", "Progress", "fit_gaussians", "label", "pick_device", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
+__all__ = ["Checkpoint", "Clock", "Judge", "Prepared", "Progress", "clock_of", "fit_gaussians", "label", "pick_device", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
 
 Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
 
 
-def run(source: Clip | str | Path, settings: Settings, *, splats: Splats | None = None, checkpoint: Checkpoint | None = None) -> Steps:
+def clock_of(settings: Settings, *, side_by_side: int = 1) -> Clock:
+    """The clock of a run that begins now. Runs that share the machine have so many times the time each, and plan as one that is alone; a run
+    whose iterations are told is not stopped."""
+    return Clock() if settings.fit.iterations else Clock(side_by_side * time_budget_s(settings, pick_device(settings)))
+
+
+def run(
+    source: Clip | str | Path, settings: Settings, *, splats: Splats | None = None, checkpoint: Checkpoint | None = None, clock: Clock | None = None
+) -> Steps:
     """Clip, or the path of a recording, in; fields out. Gaussians of frame 0 are fitted where none are given. Yields news, returns
     (Prepared, Splats, Recovery)."""
+    clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=pick_device(settings))
     if not isinstance(source, Clip):
         from ..bags.read import read_clip
@@ -29,20 +40,21 @@ def run(source: Clip | str | Path, settings: Settings, *, splats: Splats | None 
         yield Progress("reading", text=str(source))
         source = read_clip(source, settings)
     prepared = yield from prepare(source, settings)
-    return (yield from _solved(prepared, settings, judge, splats, checkpoint))
+    return (yield from _solved(prepared, settings, judge, splats, checkpoint, clock))
 
 
-def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
+def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None) -> Steps:
     """The part of the job that needs only torch, numpy, scipy and Warp."""
+    clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=pick_device(settings))
-    return (yield from _solved(prepared, settings, judge, None, checkpoint))
+    return (yield from _solved(prepared, settings, judge, None, checkpoint, clock))
 
 
-def _solved(prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None) -> Steps:
+def _solved(prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None, clock: Clock) -> Steps:
     if splats is None:
         splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
-    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint)
-    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings)
+    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint, clock=clock)
+    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ..errors import SimulationError
 from ..fields import Layout, Unknowns
 from ..footprints import footprint_weights
 from ..particles import DensePoints, downsample, fill, fit_grid
@@ -63,16 +64,19 @@ def discretise(prepared: Prepared, plan: Plan, *, device: str, dense: DensePoint
     value, gradient = modal.evaluate(particles.x_rest)
     value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
     sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
-    return Discretisation(particles, grid, *_apparent(prepared, particles, grid, device), value, gradient, sag)
+    return Discretisation(particles, grid, *_apparent(prepared, plan, particles, grid, device), value, gradient, sag)
 
 
-def _apparent(prepared: Prepared, particles: Particles, grid: Grid, device: str) -> tuple[float, float]:
+def _apparent(prepared: Prepared, plan: Plan, particles: Particles, grid: Grid, device: str) -> tuple[float, float]:
     """The lattice's apparent stiffness and the error of log10 E that is left once it is corrected for."""
-    if not prepared.body.clamped:
+    if not prepared.body.clamped or not plan.simulates:
         return 1.0, UNMEASURED
     young = prepared.start.young
     share = motion_share(prepared.modal, young, linear_coordinates(prepared))
-    found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)
+    try:
+        found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)
+    except SimulationError:  # the search will say what the grid does not carry
+        return 1.0, UNMEASURED
     return found.value, found.expected_log10_error
 
 
@@ -99,7 +103,10 @@ class ForwardModel:
         dtype: torch.dtype = torch.float32,
         law: str,
         planes: tuple[Plane, ...] = (),
+        simulates: bool = True,
     ):
+        """`simulates`: whether it will be asked for motions; else no substeps are laid out."""
+        self.simulates = simulates
         self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
         self.law, self.planes = law, planes
         self._simulator: Simulator | None = None
@@ -122,7 +129,7 @@ class ForwardModel:
         return Simulator(
             disc.particles,
             disc.grid,
-            substeps=substeps_per_frame(young, body.poisson, body.density, dx=disc.grid.dx, period_s=clip.period_s),
+            substeps=substeps_per_frame(young, body.poisson, body.density, dx=disc.grid.dx, period_s=clip.period_s) if self.simulates else 1,
             period_s=clip.period_s,
             gravity=body.gravity,
             device=self.device,
@@ -167,7 +174,7 @@ class ForwardModel:
         since0 = states.F @ torch.linalg.inv(start.F)[None]
         return Motion(states.x, since0, unknowns, start, young, field_poisson, torch.stack(acted) if acted else None)
 
-    def displacements(self, zs: np.ndarray) -> torch.Tensor:
+    def displacements(self, zs: np.ndarray, *, report: Callable[[float], None] | None = None) -> torch.Tensor:
         """From frame 0 [m], (B, T, P, 3), under unknowns zs (B, size) that differ in log E alone: one batch of simulations, without
         gradients. Raises SimulationError."""
         stiffest = np.max([self.layout.young_of(z) for z in zs], axis=0)
@@ -176,7 +183,7 @@ class ForwardModel:
             every = [self.layout.unpack(simulator.tensor(z), modes=self.basis.shape[2]) for z in zs]
             young = torch.stack([unknowns.young[self.part] for unknowns in every])
             start = self._start(every[0], young, self.poisson, simulator)
-            states = self._path(simulator, every[0], start, young, self.poisson)
+            states = self._path(simulator, every[0], start, young, self.poisson, report=report)
         return (states.x - states.x[:1]).transpose(0, 1)
 
     def _path(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -95,11 +96,12 @@ class Objective:
         self.forward, self.target, self.images, self.prior, self.weights = forward, target, images, prior, weights
         self.binding: Binding = bind(target.rest_points, forward.disc.particles.x_rest)
         self.failures: list[str] = []  # what the simulation said where a step went too far
+        self.watch: Callable[[float], None] | None = None  # hears the share of a simulation that is done; may end it by an exception
 
     def __call__(self, z: np.ndarray) -> Terms:
         leaf = torch.as_tensor(z, dtype=torch.float64).requires_grad_(True)
         try:
-            motion = self.forward(leaf.to(self.forward.device, self.forward.dtype))
+            motion = self.forward(leaf.to(self.forward.device, self.forward.dtype), report=self.watch)
         except SimulationError as error:
             self.failures.append(str(error))
             return Terms(leaf, None, torch.tensor(float("inf")))

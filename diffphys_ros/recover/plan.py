@@ -1,7 +1,7 @@
 """How fine and how long: cells, particles and iterations that end inside the time budget.
 
 The choice rests on fixed rates per device, not on a stop-watch, so that the same clip and settings give the same result on
-every run; a slower machine is caught by the clock in solve.py.
+every run, however busy the machine; a run that takes longer all the same is stopped by clock.py.
 """
 
 from __future__ import annotations
@@ -21,13 +21,17 @@ from ..types import Body
 # seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
 RATES = {"cpu": (8e-7, 0.06), "cuda": (2e-9, 0.004)}
 LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the particles
-GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5))  # (cells over the thickness, particles per cell and axis), best first
+GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5), (2, 2.0), (2, 1.5))  # (cells over the thickness, particles per cell and axis), best first
 TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly (docs/accuracy.md)
+LEAST_SPARSE = 3  # cells that a share of dense points is put on; coarser grids are for clips that are too dear for it
 ENOUGH = 4  # cells that bend as truly as more (docs/accuracy.md) and twist within what the calibration takes up
 QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
-SEARCH_SHARE = 0.4  # of the time, where fields are trained after the search
+BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
+FIT_SHARE = 0.6  # of it for search and training; the rest is for what comes before and after
+SEARCH_SHARE = 0.4  # of that, where fields are trained after the search
+FORWARD_SHARE = 0.35  # of forward + backward that forward alone takes
 STATE_BYTES, FORCE_BYTES = 96, 12  # of a particle
 RENDER_SHARE = 0.3  # of an iteration, at most, spent on images
 
@@ -45,11 +49,24 @@ class Plan:
     iterations: int
     image_every: int  # frames between two that enter the image term
     seconds_per_iteration: float  # expected [s]
+    seconds_ahead: float  # expected of what is simulated before the first iteration [s]
     memory_bytes: float  # of a rollout and its gradient (docs/simulator.md)
     kept: int = 0  # particles that are left of dense points; 0: they fill a lattice
+    refusal: str = ""  # why nothing is simulated, one sentence; empty where it is
+
+    @property
+    def simulates(self) -> bool:
+        """Whether the solver runs; else the start values are the answer."""
+        return not self.refusal
+
+    def seconds(self, iterations: int) -> float:
+        """Expected of the search with so many iterations [s]."""
+        return self.seconds_ahead + iterations * self.seconds_per_iteration
 
     def text(self) -> str:
         """One line for people."""
+        if self.refusal:
+            return self.refusal
         few = f" (fewer than {TRUE_PER_CELL:g} bend several percent off)" if self.per_cell < TRUE_PER_CELL else ""
         return (
             f"{self.cells:.3g} cells over the thickness (dx {1e3 * self.dx:.2f} mm), {self.per_cell:.3g} particles per cell and axis{few}, "
@@ -59,9 +76,10 @@ class Plan:
 
 
 def make_plan(
-    body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str, reach_m: float = 0.0, dense: int = 0
+    body: Body, young: np.ndarray, *, frames: int, period_s: float, settings: Settings, device: str, reach_m: float = 0.0, dense: int = 0, ahead: float = 0.0
 ) -> Plan:
-    """The finest grid on which the wanted iterations fit into fit.time_budget_s, into QUICK_S where it is finer than ENOUGH.
+    """The finest grid on which the wanted iterations fit into the search's share of the time budget, into QUICK_S where it is finer than
+    ENOUGH; the cheapest one where none does. A plan that simulates nothing where even that is too dear, in time, substeps or memory.
 
     Args:
         body: the filled solid.
@@ -72,39 +90,51 @@ def make_plan(
         device: cpu or cuda:0.
         reach_m: how far the body moves [m], for a grid of particles.grid_nodes.
         dense: points of which particles.downsample_ratio keeps a share.
+        ahead: simulations of so many times the clip, without gradient, that come before the first iteration.
 
     Raises:
-        InputError: fit.max_substeps or the memory forbids all grids, or the kept particles are too few for any.
+        InputError: a grid that was asked for cannot be had, or the kept particles are too few for any.
     """
     grids = _grids(body, settings.particles, reach_m, dense)
-    plans = [_plan_on(grid, body, young, frames, period_s, settings, device) for grid in grids]
-    allowed = [p for p in plans if p.substeps <= settings.fit.max_substeps]
-    if not allowed:
-        least = min(plans, key=lambda p: p.substeps)
-        raise InputError(
-            f"fit.max_substeps {settings.fit.max_substeps}: {least.cells:.3g} cells over the thickness need {least.substeps} substeps a frame "
-            f"at E = {young.max():.3g} Pa; raise it to {least.substeps} or lower particles.cells"
-        )
-    allowed = _within(_memory(device), allowed)
-    wanted = settings.fit.iterations or WANTED_ITERATIONS
-    budget_s = search_budget_s(settings)
-    asked = settings.particles.cells > 0 or settings.particles.grid_nodes is not None
-    fitting = [p for p in allowed if wanted * p.seconds_per_iteration <= (budget_s if asked or p.cells <= ENOUGH else min(budget_s, QUICK_S))]
-    plan = fitting[0] if fitting else min(allowed, key=lambda p: p.seconds_per_iteration)
+    plans = [_plan_on(grid, body, young, frames, period_s, settings, device, ahead) for grid in grids]
+    possible = [p for p in plans if not _forbidden(p, young, settings, device)]
+    if not possible:
+        cheapest = min(plans, key=lambda p: p.substeps)
+        why = _forbidden(cheapest, young, settings, device)
+        if _asked(settings.particles):
+            raise InputError(f"particles: {why}; leave particles.cells, grid_nodes and downsample_ratio out for a grid that can be had")
+        return replace(cheapest, iterations=0, refusal=f"not simulated: {why}")
+    budget_s, wanted = search_budget_s(settings, device), settings.fit.iterations or WANTED_ITERATIONS
+    plan = _finest(possible, wanted, budget_s, QUICK_S if not _asked(settings.particles) else budget_s)
     plan = replace(plan, kept=round(settings.particles.downsample_ratio * dense))
-    return plan if settings.fit.iterations else _with_iterations(plan, budget_s)
+    if settings.fit.iterations:
+        return plan
+    if plan.seconds(LEAST_ITERATIONS) > budget_s and not _asked(settings.particles):
+        why = f"{plan.cells:.3g} cells over the thickness with {plan.substeps} substeps a frame take about {plan.seconds(LEAST_ITERATIONS):.0f} s, the time budget leaves {budget_s:.2g} s"
+        return replace(plan, iterations=0, refusal=f"not simulated: {why}")
+    return _with_iterations(plan, budget_s)
 
 
-def _within(memory: float, plans: list[Plan]) -> list[Plan]:
-    """Plans that a memory [B] holds."""
-    found = [p for p in plans if p.memory_bytes <= memory]
-    if not found:
-        least = min(plans, key=lambda p: p.memory_bytes)
-        raise InputError(
-            f"particles: {least.cells:.3g} cells over the thickness with {least.per_cell:.3g} particles per cell and axis need "
-            f"{least.memory_bytes / 2**30:.1f} GiB, the device has {memory / 2**30:.1f}; lower particles.cells, grid_nodes or per_cell"
-        )
-    return found
+def _finest(plans: list[Plan], wanted: int, budget_s: float, quick_s: float) -> Plan:
+    """The first plan that ends in time, with more cells than ENOUGH in `quick_s` [s]; the quickest where none does."""
+    fitting = [p for p in plans if p.seconds(wanted) <= (budget_s if p.cells <= ENOUGH else min(budget_s, quick_s))]
+    return fitting[0] if fitting else min(plans, key=lambda p: p.seconds(wanted))
+
+
+def _asked(particles: ParticleSettings) -> bool:
+    """Whether a person chose the grid."""
+    return particles.cells > 0 or particles.grid_nodes is not None or particles.downsample_ratio > 0
+
+
+def _forbidden(plan: Plan, young: np.ndarray, settings: Settings, device: str) -> str:
+    """What of the machine or the settings rules a plan out, in words; empty where nothing does."""
+    grid = f"{plan.cells:.3g} cells over the thickness with {plan.per_cell:.3g} particles per cell and axis need"
+    if plan.substeps > settings.fit.max_substeps:
+        return f"{grid} {plan.substeps} substeps a frame at E = {young.max():.3g} Pa, fit.max_substeps allows {settings.fit.max_substeps}"
+    memory = _memory(device)
+    if plan.memory_bytes > memory:
+        return f"{grid} {plan.memory_bytes / 2**30:.1f} GiB, the device has {memory / 2**30:.1f}"
+    return ""
 
 
 def _memory(device: str) -> float:
@@ -114,9 +144,18 @@ def _memory(device: str) -> float:
     return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
 
 
-def search_budget_s(settings: Settings) -> float:
-    """What of fit.time_budget_s [s] the search over constants and vectors may take; the rest is for fields where they are wanted."""
-    return settings.fit.time_budget_s * (SEARCH_SHARE if fields_wanted(settings) else 1.0)
+def time_budget_s(settings: Settings, device: str) -> float:
+    """What a whole clip may take [s], from reading to files."""
+    return settings.fit.time_budget_s or BUDGET_S[_kind(device)]
+
+
+def search_budget_s(settings: Settings, device: str) -> float:
+    """What of it the search over constants and vectors may take [s]; where fields are wanted, they have a share of their own."""
+    return FIT_SHARE * time_budget_s(settings, device) * (SEARCH_SHARE if fields_wanted(settings) else 1.0)
+
+
+def _kind(device: str) -> str:
+    return "cuda" if device.startswith("cuda") else "cpu"
 
 
 def fields_wanted(settings: Settings) -> bool:
@@ -125,7 +164,7 @@ def fields_wanted(settings: Settings) -> bool:
 
 
 def _with_iterations(plan: Plan, budget_s: float) -> Plan:
-    count = int(np.clip(budget_s / plan.seconds_per_iteration, LEAST_ITERATIONS, MOST_ITERATIONS))
+    count = int(np.clip((budget_s - plan.seconds_ahead) / plan.seconds_per_iteration, LEAST_ITERATIONS, MOST_ITERATIONS))
     return replace(plan, iterations=count)
 
 
@@ -146,7 +185,7 @@ def _sparse_grids(body: Body, particles: ParticleSettings, cells: float, dense: 
     ratio, kept = particles.downsample_ratio, round(particles.downsample_ratio * dense)
     if particles.per_cell:
         raise InputError(f"particles.per_cell {particles.per_cell:g} and particles.downsample_ratio {ratio:g} are both given; leave one of them out")
-    found = [(c, _thickness(body) / c * (kept / body.volume_m3) ** (1 / 3)) for c in dict.fromkeys(cells or c for c, _ in GRIDS)]
+    found = [(c, _thickness(body) / c * (kept / body.volume_m3) ** (1 / 3)) for c in dict.fromkeys(cells or c for c, _ in GRIDS if c >= LEAST_SPARSE)]
     if found[-1][1] < 1:
         coarsest = found[-1][0]
         need = int(np.ceil(body.volume_m3 * (coarsest / _thickness(body)) ** 3))
@@ -162,15 +201,15 @@ def _thickness(body: Body) -> float:
     return float(2 * body.half_thickness[body.inside].max())
 
 
-def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str) -> Plan:
+def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str, ahead: float) -> Plan:
     cells, per_cell = grid
     dx = _thickness(body) / cells
     substeps = substeps_per_frame(young, body.poisson, body.density, dx=dx, period_s=period_s)
     count = body.volume_m3 / (dx / per_cell) ** 3
-    kind = "cuda" if device.startswith("cuda") else "cpu"
+    kind = _kind(device)
     rate, render_s = RATES[kind]
     simulate_s = frames * substeps * (count * rate + LEAST_SUBSTEP_S[kind])
     every = settings.fit.image_every or int(np.clip(np.ceil(frames * render_s / (RENDER_SHARE * simulate_s)), 1, max(1, frames // 6)))
     seconds = STEPS_PER_ITERATION * (simulate_s + frames / every * render_s)
     memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 6) + FORCE_BYTES * count * frames
-    return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds, memory)
+    return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds, ahead * FORWARD_SHARE * simulate_s, memory)

@@ -15,6 +15,7 @@ from ..render import Rasterizer
 from ..splats import Motion, View, fit_views
 from ..types import Clip, Recovery, Splats
 from .answer import nearness, shown_frames
+from .clock import Clock
 from .images import CHUNK, static_background
 from .prepare import Prepared
 from .progress import Progress, told
@@ -25,12 +26,16 @@ PASSES = 2  # over the frames, at least
 
 
 def refine_gaussians(
-    prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings
+    prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, *, clock: Clock | None = None
 ) -> Generator[Progress, None, tuple[Splats, Recovery]]:
     """Gaussians fitted on to splats.refine_frames frames of the clip, and the recovery with frames and image metrics of these; all
     else in it stays. They are kept only where the frames that were not fitted are nearer to the video than before (all frames, where
     none was left out). Yields news."""
     clip, device = prepared.clip, pick_device(settings)
+    if clock is not None and not clock.allows_refinement():
+        said = f"Gaussians of frame 0 kept: the time budget of {clock.limit_s:.0f} s is spent"
+        yield Progress("splats", text=said)
+        return splats, replace(recovery, notes=(*recovery.notes, said), metrics=recovery.metrics | {"stopped_by_budget": True})
     chosen = frames_to_fit(clip, settings.splats.refine_frames)
     if recovery.frames is None or not len(chosen):
         return splats, recovery

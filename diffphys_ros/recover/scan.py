@@ -28,7 +28,7 @@ def best_scale(objective: Objective, z: np.ndarray, *, room: float) -> np.ndarra
 def track_values(objective: Objective, trials: np.ndarray) -> np.ndarray:
     """Track loss and prior (B,) of unknowns (B, size) that differ in log E alone; infinite where a simulation left its bounds."""
     try:
-        displacements = objective.forward.displacements(trials)
+        displacements = objective.forward.displacements(trials, report=objective.watch)
     except SimulationError:
         if len(trials) == 1:
             return np.array([np.inf])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from ..particles import DensePoints, dense_points
 from ..types import Body, Recovery, Splats, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint, Stored
+from .clock import Clock, OutOfTimeError
 from .confidence import Confidence, Explained, of_simulation, of_start
 from .curvature import track_hessian
 from .floor import floor_planes
@@ -23,12 +23,12 @@ from .forward import Discretisation, ForwardModel, discretise, reach_of
 from .images import ImageTerm, Renderer
 from .law import law_to_fit
 from .minimise import Iterate, begin, lost, minimise
-from .objective import Objective, Prior
+from .objective import Objective, Prior, Terms
 from .observations import TrackTarget, acceleration_scale
-from .plan import Plan, fields_wanted, make_plan, search_budget_s
+from .plan import Plan, fields_wanted, make_plan
 from .prepare import Prepared, scaled_start
 from .progress import Progress
-from .scan import best_scale
+from .scan import SHIFTS, best_scale
 from .train import Trained, train
 from .zones import divided, in_parts, zones_of
 
@@ -76,6 +76,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         device=device,
         reach_m=reach_of(prepared),
         dense=0 if dense is None else len(dense.x),
+        ahead=simulated_ahead(prepared),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
     start = scaled_start(with_wider_support(prepared.start), settings.fit.start_scale / disc.apparent)
@@ -84,7 +85,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     layout = Layout.of(start, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared))
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
-    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
     renderer = None if splats is None else Renderer.of(prepared, disc, splats, device=device)
     weights, images = settings.fit, None
     if renderer is not None and (weights.image_weight > 0 or weights.depth_weight > 0):
@@ -97,6 +98,14 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     curvature = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes)
     objective = Objective(forward, target, images, prior, weights)
     return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, objective, curvature + prior.hessian + RIDGE * np.eye(layout.size))
+
+
+def simulated_ahead(prepared: Prepared) -> float:
+    """How many times the clip, without gradient, is simulated before the search: a period to calibrate the grid, and the trials of other
+    moduli where the start values may lie in a wrong valley."""
+    clip, start = prepared.clip, prepared.start
+    period = 1 / (max(float(start.frequencies_hz[0]), 1e-3) * (len(clip) - 1) * clip.period_s)
+    return period + (len(SHIFTS) if start.track_cost > MISSING**2 else 0)
 
 
 def with_wider_support(start: StartValues) -> StartValues:
@@ -130,12 +139,12 @@ def _repeatable(device: str) -> None:
 
 
 def solve(
-    prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None
+    prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None
 ) -> Generator[Progress, None, Recovery]:
-    """Joint fit over material and force. Yields news, returns the Recovery; to stop iterating is to cancel."""
-    checkpoint = checkpoint or Checkpoint(None)
+    """Joint fit over material and force. Yields news, returns the Recovery; to stop iterating is to cancel. Where the clock stops it, the
+    best answer so far is returned, and says so."""
+    checkpoint, clock = checkpoint or Checkpoint(None), clock or Clock()
     checkpoint.bind(prepared.clip, settings)
-    began = time.monotonic()
     zones = yield from zones_of(prepared, settings)
     prepared = divided(prepared, zones)
     yield Progress("plan", text="choosing cells and particles")
@@ -143,34 +152,42 @@ def solve(
     problem = pose_problem(prepared, splats, settings)
     count = len(problem.disc.particles.own)
     grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
-    yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}")
+    yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}" if problem.plan.simulates else problem.plan.text())
     stored = checkpoint.load(problem.layout.size)
-    state = yield from _search(problem, checkpoint, began, stored)
-    trained = None if not fields_wanted(settings) else (yield from train(problem, state, began=began, checkpoint=checkpoint, stored=stored))
+    state = yield from _search(problem, checkpoint, clock, stored)
+    trained = None
+    if fields_wanted(settings) and np.isfinite(state.value) and not clock.stopped:
+        trained = yield from train(problem, state, clock=clock, checkpoint=checkpoint, stored=stored)
     yield Progress("result", text="final simulation and rendering")
-    recovery = in_parts(_answer(problem, state, trained), zones)
+    recovery = in_parts(_answer(problem, state, trained, clock), zones)
     yield Progress("result", text=_verdict(recovery), artefact=recovery)
     return recovery
 
 
-def _search(problem: Problem, checkpoint: Checkpoint, began: float, stored: Stored | None) -> Generator[Progress, None, Iterate]:
-    iterations, budget_s = problem.plan.iterations, search_budget_s(problem.settings)
-    fixed = problem.settings.fit.iterations > 0
-    state = yield from _first(problem, stored)
-    yield _news(problem, state, iterations, None)
-    if stored is not None and stored.training is not None:
-        return state  # its search had ended, maybe by the clock
+def _search(problem: Problem, checkpoint: Checkpoint, clock: Clock, stored: Stored | None) -> Generator[Progress, None, Iterate]:
+    if not problem.plan.simulates:
+        return lost(problem.layout.start)
+    iterations, state = problem.plan.iterations, lost(problem.layout.start)
+    problem.objective.watch = clock.check
     try:
+        state = yield from _first(problem, stored)
+        yield _news(problem, state, iterations, None)
+        if stored is not None and stored.training is not None:
+            return state  # its search had ended, maybe by the clock
         while state.iteration < iterations and not state.finished:
-            before = time.monotonic()
+            before = clock.spent_s
             state = next(minimise(problem.objective, state, iterations=iterations, limit=lambda z, step: _limit(problem, z, step)))
             state = _recapture(problem, state)
             checkpoint.offer(Stored(state, problem.forward.captured))
-            took, spent = time.monotonic() - before, time.monotonic() - began
+            took = clock.spent_s - before
             yield _news(problem, state, iterations, took * (iterations - state.iteration))
-            if not fixed and spent + took > budget_s:
-                break
+            if not clock.allows_fit(took) and state.iteration < iterations and not state.finished:
+                raise OutOfTimeError
+    except OutOfTimeError:
+        clock.stopped = f"stopped by the time budget of {clock.limit_s:.0f} s after {state.iteration} of {iterations} iterations; the best answer so far is kept"
+        yield Progress("fit", text=clock.stopped)
     finally:
+        problem.objective.watch = None
         checkpoint.flush()
     return state
 
@@ -237,12 +254,11 @@ def _candidate(problem: Problem, core: Core) -> Candidate:
     return Candidate(core, problem.objective.misfit(x, F), problem.objective.track_rms(x))
 
 
-def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recovery:
+def _answer(problem: Problem, state: Iterate, trained: Trained | None, clock: Clock) -> Recovery:
     """The better explanation of the two: the simulated motion, or the linear motion of the start values."""
-    with torch.no_grad():
-        terms = problem.objective(state.z) if trained is None else trained.terms
+    terms = None if not np.isfinite(state.value) else _final_terms(problem, state) if trained is None else trained.terms
     linear = _candidate(problem, linear_answer(problem.prepared, problem.disc))
-    simulated = None if terms.motion is None else _candidate(problem, simulated_answer(problem.forward, terms))
+    simulated = None if terms is None or terms.motion is None else _candidate(problem, simulated_answer(problem.forward, terms))
     best = linear if simulated is None or linear.misfit < simulated.misfit else simulated
     metrics = {
         "refined": best is simulated,
@@ -253,9 +269,11 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
         "track_rms_refined_m": np.inf if simulated is None else simulated.track_rms_m,
         "track_rms_start_m": linear.track_rms_m,
         "track_noise_m": problem.prepared.tracks.noise_m,
-        "loss": terms.parts,
+        "loss": {} if terms is None else terms.parts,
         "loss_history": list(state.history),
         "iterations": state.iteration,
+        "not_simulated": _why_not(problem, state, clock),
+        "stopped_by_budget": bool(clock.stopped),
         "cells_over_thickness": problem.plan.cells,
         "particles_per_cell_and_axis": problem.plan.per_cell,
         "substeps": problem.forward.simulator.substeps,
@@ -266,7 +284,7 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
     }
     if trained is not None:
         metrics["fields"] = trained.summary
-    return assemble(
+    found = assemble(
         problem.prepared,
         problem.disc,
         best.core,
@@ -275,6 +293,19 @@ def _answer(problem: Problem, state: Iterate, trained: Trained | None) -> Recove
         substeps=problem.forward.simulator.substeps,
         metrics=metrics,
     )
+    return replace(found, notes=(*found.notes, *filter(None, dict.fromkeys((metrics["not_simulated"], clock.stopped)))))
+
+
+def _final_terms(problem: Problem, state: Iterate) -> Terms:
+    with torch.no_grad():
+        return problem.objective(state.z)
+
+
+def _why_not(problem: Problem, state: Iterate, clock: Clock) -> str:
+    """Why there is no simulated motion; empty where there is one."""
+    if np.isfinite(state.value):
+        return ""
+    return problem.plan.refusal or clock.stopped or f"not simulated: {problem.objective.failures[-1]}"
 
 
 def _confidence(problem: Problem, answer: Candidate) -> Confidence:

@@ -6,7 +6,6 @@ at any stiffness. The search's answer is the start, so that a field only has to 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -21,6 +20,7 @@ from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, Mater
 from ..simulate.stability import wave_speed
 from .belief import on_points
 from .checkpoint import Checkpoint, Stored, Training
+from .clock import Clock
 from .forward import reach_of
 from .limited_memory import Descent, Space, descend
 from .minimise import Iterate
@@ -113,21 +113,23 @@ class FieldModel:
 
 
 def train(
-    problem: Problem, state: Iterate, *, began: float, checkpoint: Checkpoint | None = None, stored: Stored | None = None
+    problem: Problem, state: Iterate, *, clock: Clock | None = None, checkpoint: Checkpoint | None = None, stored: Stored | None = None
 ) -> Generator[Progress, None, Trained]:
-    """Fields from the search's answer; ends after fit.field_iterations, or with the time budget. `began` is the monotonic clock
-    at the start of the whole fit [s]; goes on from where `stored` says that training was."""
+    """Fields from the search's answer; ends after fit.field_iterations, or by the clock. Goes on from where `stored` says that training
+    was."""
+    clock = clock or Clock()
     model, fit = FieldModel(problem, state.z), problem.settings.fit
     done, checkpoint = stored.training if stored else None, checkpoint or Checkpoint(None)
     history = list(done.history) if done else []
-    words, before = f"{fit.material_field} material, {fit.force_field} force", time.monotonic()
+    words, before = f"{fit.material_field} material, {fit.force_field} force", clock.spent_s
     try:
         for material, descent in _steps(model, fit, done):
             history.append(descent.value)
             checkpoint.offer(Stored(state, problem.forward.captured, Training(material, descent, tuple(history))))
-            took, before = time.monotonic() - before, time.monotonic()
+            took, before = clock.spent_s - before, clock.spent_s
             yield Progress("fields", len(history) - 1, fit.field_iterations, descent.value, took * (fit.field_iterations - len(history)), words)
-            if not fit.iterations and before - began + 2 * took > fit.time_budget_s:
+            if len(history) < fit.field_iterations and not clock.allows_fit(2 * took):
+                clock.stopped = f"stopped by the time budget of {clock.limit_s:.0f} s after {len(history)} of {fit.field_iterations} iterations of the fields"
                 break
     finally:
         checkpoint.flush()

@@ -1,25 +1,58 @@
 """Cells, particles and iterations."""
 
+import re
+
 import numpy as np
 import pytest
 
 from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
 from diffphys_ros.particles import fill, fit_grid
-from diffphys_ros.recover.plan import QUICK_S, make_plan
+from diffphys_ros.recover.plan import BUDGET_S, FIT_SHARE, QUICK_S, make_plan
 
 from .conftest import YOUNG, make_body
 
 
-def plan(*, device="cpu", reach_m=0.0, dense=0, **settings):
-    return make_plan(make_body(), YOUNG, frames=40, period_s=1 / 30, settings=build(settings), device=device, reach_m=reach_m, dense=dense)
+def plan(*, device="cpu", reach_m=0.0, dense=0, ahead=0.0, young=YOUNG, **settings):
+    return make_plan(make_body(), young, frames=40, period_s=1 / 30, settings=build(settings), device=device, reach_m=reach_m, dense=dense, ahead=ahead)
 
 
-def test_more_time_buys_a_finer_grid_and_the_expected_time_keeps_the_budget():
-    quick, slow = plan(**{"fit.time_budget_s": 10.0}), plan(**{"fit.time_budget_s": 3000.0})
+def test_more_time_buys_a_finer_grid_and_the_expected_time_keeps_its_share_of_the_budget():
+    quick, slow = plan(**{"fit.time_budget_s": 20.0}), plan(**{"fit.time_budget_s": 3000.0})
     assert slow.cells > quick.cells
-    for p, budget in ((quick, 10.0), (slow, 3000.0)):
-        assert p.iterations * p.seconds_per_iteration <= budget
+    for p, budget in ((quick, 20.0), (slow, 3000.0)):
+        assert p.simulates
+        assert p.seconds(p.iterations) <= FIT_SHARE * budget
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda:0"])
+def test_without_a_budget_a_clip_has_two_minutes_on_a_gpu_and_a_quarter_of_an_hour_on_a_cpu(device):
+    assert plan(device=device) == plan(device=device, **{"fit.time_budget_s": BUDGET_S[device[:4].rstrip(":")]})
+    assert BUDGET_S == {"cpu": 900.0, "cuda": 120.0}
+
+
+def test_what_is_simulated_before_the_search_is_planned_for():
+    alone, after = (plan(ahead=ahead, **{"fit.time_budget_s": 60.0}) for ahead in (0.0, 11.0))
+    assert after.seconds_ahead > 0
+    assert (after.cells, after.iterations) < (alone.cells, alone.iterations)
+    assert after.seconds(after.iterations) <= FIT_SHARE * 60.0
+
+
+def test_a_clip_too_dear_for_a_fine_grid_has_a_coarser_one():
+    """Twenty times the stiffness asks for 4.5 times the substeps."""
+    fine, coarse = plan(**{"fit.time_budget_s": 120.0}), plan(young=20 * YOUNG, **{"fit.time_budget_s": 120.0})
+    assert coarse.simulates
+    assert coarse.cells < fine.cells
+
+
+@pytest.mark.parametrize(("settings", "young", "said"), [
+    ({"fit.time_budget_s": 1.0}, YOUNG, r"not simulated: 2 cells over the thickness with \d+ substeps a frame take about \d+ s, the time budget leaves 0.6 s"),
+    ({}, 1e9 * YOUNG, r"not simulated: 2 cells .* need \d+ substeps a frame at E = 2e\+14 Pa, fit.max_substeps allows 2000"),
+])  # fmt: skip
+def test_a_clip_too_dear_for_every_grid_is_not_simulated_and_says_why(settings, young, said):
+    p = plan(young=young, **settings)
+    assert (p.simulates, p.iterations) == (False, 0)
+    assert re.fullmatch(said, p.text())
 
 
 def test_settings_overrule_the_choice():
@@ -28,8 +61,8 @@ def test_settings_overrule_the_choice():
 
 
 def test_the_bound_on_substeps_limits_the_stiffness_not_the_time_step():
-    with pytest.raises(InputError, match=r"fit.max_substeps 5: .* raise it to"):
-        plan(**{"fit.max_substeps": 5})
+    with pytest.raises(InputError, match=r"particles: 8 cells .* fit.max_substeps allows 60; leave particles.cells, .* out"):
+        plan(**{"fit.max_substeps": 60, "particles.cells": 8})
     bounded = plan(**{"fit.max_substeps": 60})
     assert bounded.substeps <= 60
 
@@ -90,6 +123,6 @@ def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
 
 def test_a_grid_that_no_memory_holds_is_refused_before_it_is_filled():
     settings = build({"particles.cells": 32, "particles.per_cell": 4.0})
-    with pytest.raises(InputError, match=r"32 cells over the thickness with 4 particles per cell and axis need \d+\.\d GiB, the device has .* lower particles.cells"):
+    with pytest.raises(InputError, match=r"32 cells over the thickness with 4 particles per cell and axis need \d+\.\d GiB, the device has .* leave particles.cells"):
         make_plan(make_body(), YOUNG, frames=100_000, period_s=1 / 30, settings=settings, device="cpu")
     assert plan().memory_bytes < 2**30

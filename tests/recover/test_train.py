@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import time
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def one_part(prepared) -> Prepared:
 def trained(problem: Problem):
     start = problem.layout.start
     state = Iterate(start, 0.0, np.zeros_like(start), np.eye(len(start)))
-    return drive(train.train(problem, state, began=time.monotonic()))
+    return drive(train.train(problem, state))
 
 
 def test_the_words_of_the_settings_are_the_fields() -> None:

@@ -1,0 +1,39 @@
+"""When a run has to end. The clock plans nothing (plan.py does, without it): it only stops what takes longer than it should."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+FIT_END, REFINE_END = 0.8, 0.9  # shares of the time after which neither search nor training, and then no Gaussians, go on: files are still to be written
+
+
+class OutOfTimeError(Exception):
+    """The time for search and training is over."""
+
+
+class Clock:
+    """Runs from when it is made. `limit_s` [s] is for the whole clip; infinite where nothing ends by the clock."""
+
+    def __init__(self, limit_s: float = np.inf) -> None:
+        self.limit_s, self._began = limit_s, time.monotonic()
+        self.stopped = ""  # what it stopped, one sentence
+
+    @property
+    def spent_s(self) -> float:
+        """Since the start [s]."""
+        return time.monotonic() - self._began
+
+    def allows_fit(self, seconds: float = 0.0) -> bool:
+        """Whether so much more [s] can go into search or training."""
+        return self.spent_s + seconds <= FIT_END * self.limit_s
+
+    def allows_refinement(self) -> bool:
+        """Whether Gaussians may still be fitted."""
+        return self.spent_s <= REFINE_END * self.limit_s
+
+    def check(self, share: float = 0.0) -> None:
+        """Raises OutOfTimeError where search and training have to end; `share` of a simulation that is done, for its report."""
+        if not self.allows_fit():
+            raise OutOfTimeError
