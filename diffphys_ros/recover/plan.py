@@ -130,7 +130,7 @@ def _forbidden(plan: Plan, young: np.ndarray, settings: Settings, device: str) -
     """What of the machine or the settings rules a plan out, in words; empty where nothing does."""
     grid = f"{plan.cells:.3g} cells over the thickness with {plan.per_cell:.3g} particles per cell and axis need"
     if plan.substeps > settings.fit.max_substeps:
-        return f"{grid} {plan.substeps} substeps a frame at E = {young.max():.3g} Pa, fit.max_substeps allows {settings.fit.max_substeps}"
+        return f"{grid} {plan.substeps} substeps a frame at E = {young.max():.3g} Pa, {settings.fit.max_substeps} are the most"
     memory = _memory(device)
     if plan.memory_bytes > memory:
         return f"{grid} {plan.memory_bytes / 2**30:.1f} GiB, the device has {memory / 2**30:.1f}"

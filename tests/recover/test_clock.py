@@ -96,7 +96,7 @@ def not_simulated(recovery, prepared, said):
 def test_a_clip_too_dear_for_every_grid_keeps_the_modes_answer_and_its_motion(prepared, tmp_path):
     settings = build({"scene.at_rest": True, "fit.max_substeps": 4})
     news, recovery = drive(solve(prepared, None, settings))
-    not_simulated(recovery, prepared, "fit.max_substeps allows 4")
+    not_simulated(recovery, prepared, "4 are the most")
     assert not any(n.stage == "fit" for n in news)
     assert recovery.metrics["track_rms_m"] < prepared.tracks.noise_m
     result.save(recovery, prepared.clip, settings, tmp_path)
