@@ -317,5 +317,6 @@ def _confidence(problem: Problem, answer: Candidate) -> Confidence:
 
 def _verdict(recovery: Recovery) -> str:
     m = recovery.metrics
-    kept = "refined by simulation" if m["refined"] else "start values kept: linear modes explain the clip better than the simulation"
+    beaten = "not simulated" if m["not_simulated"] else "linear modes explain the clip better than the simulation"
+    kept = "refined by simulation" if m["refined"] else f"start values kept: {beaten}"
     return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]
