@@ -24,6 +24,7 @@ LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the parti
 GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5), (2, 2.0), (2, 1.5))  # (cells over the thickness, particles per cell and axis), best first
 TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly (docs/accuracy.md)
 LEAST_SPARSE = 3  # cells that a share of dense points is put on; coarser grids are for clips that are too dear for it
+SHOWN_COLUMNS = 4000  # of particles over the silhouette, at most, where nothing is simulated
 ENOUGH = 4  # cells that bend as truly as more (docs/accuracy.md) and twist within what the calibration takes up
 QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
@@ -103,7 +104,7 @@ def make_plan(
         why = _forbidden(cheapest, young, settings, device)
         if _asked(settings.particles):
             raise InputError(f"particles: {why}; leave particles.cells, grid_nodes and downsample_ratio out for a grid that can be had")
-        return replace(cheapest, iterations=0, refusal=f"not simulated: {why}")
+        return _without_simulation(cheapest, body, why)
     budget_s, wanted = search_budget_s(settings, device), settings.fit.iterations or WANTED_ITERATIONS
     plan = _finest(possible, wanted, budget_s, QUICK_S if not _asked(settings.particles) else budget_s)
     plan = replace(plan, kept=round(settings.particles.downsample_ratio * dense))
@@ -111,8 +112,15 @@ def make_plan(
         return plan
     if plan.seconds(LEAST_ITERATIONS) > budget_s and not _asked(settings.particles):
         why = f"{plan.cells:.3g} cells over the thickness with {plan.substeps} substeps a frame take about {plan.seconds(LEAST_ITERATIONS):.0f} s, the time budget leaves {budget_s:.2g} s"
-        return replace(plan, iterations=0, refusal=f"not simulated: {why}")
+        return _without_simulation(plan, body, why)
     return _with_iterations(plan, budget_s)
+
+
+def _without_simulation(plan: Plan, body: Body, why: str) -> Plan:
+    """The start values as the answer, on particles that only show it: no more than SHOWN_COLUMNS over the silhouette."""
+    area = float(body.inside.sum()) * body.pitch_m**2
+    dx = max(plan.dx, plan.per_cell * (area / SHOWN_COLUMNS) ** 0.5)
+    return replace(plan, dx=dx, cells=_thickness(body) / dx, iterations=0, refusal=f"not simulated: {why}")
 
 
 def _finest(plans: list[Plan], wanted: int, budget_s: float, quick_s: float) -> Plan:
