@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..types import Camera
 
 INSET_M = 0.005  # the clamped plane lies this far inside the box face through which the body leaves
+LEAST_FREE = 0.25  # of the visible surface that has to lie beyond the clamped plane: what lies behind it is no part of the body
 LARGEST_GAP = 0.15  # between the clamped plane and the nearest visible point, as a share of the object's extent
 
 
@@ -102,6 +103,12 @@ def _require_object(scene: Scene, clamp: Clamp, surface: np.ndarray) -> None:
         raise InputError(
             f"scene.clamp_box_m {scene.clamp_box_m}: the nearest point of the object is {gap:.3f} m away, must be within {LARGEST_GAP * extent:.3f} m; "
             "move the box onto the held face (world frame, metres) or leave it out"
+        )
+    free = float(((surface - clamp.centre) @ clamp.normal > 0).mean())
+    if free < LEAST_FREE:
+        raise InputError(
+            f"scene.clamp_box_m {scene.clamp_box_m}: only {100 * free:.0f} % of the visible object lies beyond its clamped plane, must be at least {100 * LEAST_FREE:.0f} %; "
+            "draw the box around the held end alone"
         )
 
 

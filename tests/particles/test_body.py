@@ -78,6 +78,12 @@ def test_a_clamp_box_away_from_the_object_is_refused(clip: Clip) -> None:
         solid(clip, away)
 
 
+@pytest.mark.parametrize("box", [[-10, -10, -10, 10, 10, 10], [-0.1, -0.05, -0.05, 0.3, 0.05, 0.05]])
+def test_a_clamp_box_that_holds_the_object_is_refused(clip: Clip, box: list[float]) -> None:
+    with pytest.raises(InputError, match=r"clamp_box_m.*% of the visible object lies beyond its clamped plane, must be at least 25 %; draw the box around the held end"):
+        solid(clip, bar_settings(scene__clamp_box_m=box))
+
+
 def test_a_clamp_box_with_swapped_corners_is_refused(clip: Clip) -> None:
     with pytest.raises(InputError, match="each maximum must exceed its minimum"):
         solid(clip, bar_settings(scene__clamp_box_m=[0.005, -0.03, -0.035, -0.005, 0.03, 0.035]))
