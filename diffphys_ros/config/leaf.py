@@ -47,6 +47,14 @@ class Leaf:
         low, high = (("" if v is None else f"{v:g}") for v in (self.low, self.high))
         return f"{low} .. {high}" if low or high else ""
 
+    @property
+    def example(self) -> str:
+        """A value as a command line has it."""
+        if self.kind is str:
+            return self.choices[-1] if self.choices else "NAME" if not self.path else "PATH"
+        one = "true" if self.kind is bool else f"{1.0 if self.low is None else min(max(self.low, 1.0), self.high or 1.0):g}"
+        return ",".join([one] * (self.length or 1))
+
     def checked(self, value: Any, origin: str) -> Any:
         """The value in the setting's own type. Raises InputError that names origin, setting, bound and cure."""
         if self._left_out(value):
