@@ -6,10 +6,12 @@ Weights are read from safetensors files alone (a pickle may run code), and code 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from .devices import usable
 from .errors import InputError
 
 
@@ -23,6 +25,7 @@ def model_of(name: str, architectures: Mapping[str, str], *, setting: str, devic
 
     Raises InputError where transformers is absent, or the checkpoint cannot be found, read or used for this.
     """
+    name, chosen = os.path.expanduser(name), usable(device)
     try:
         import torch
         import transformers
@@ -40,7 +43,6 @@ def model_of(name: str, architectures: Mapping[str, str], *, setting: str, devic
     model = _read(
         name, setting, lambda: getattr(transformers, kind).from_pretrained(name, use_safetensors=True, dtype=torch.float32, **options)
     )
-    chosen = ("cuda:0" if torch.cuda.is_available() else "cpu") if device == "auto" else device
     return model.eval().to(chosen), model.config
 
 
@@ -48,6 +50,7 @@ def image_processor(name: str, *, setting: str) -> Any:
     """What turns images into a checkpoint's inputs and its outputs into images. Raises InputError where its files are missing."""
     import transformers
 
+    name = os.path.expanduser(name)
     return _read(name, setting, lambda: transformers.AutoImageProcessor.from_pretrained(name, **_options(name)))
 
 

@@ -71,6 +71,7 @@ def reconstruct(images: str | Path, out: str | Path, settings: Settings, clip: s
     Raises InputError for pictures from which nothing can be built, a clip whose frame 0 finds no place among them, and places that
     cannot be written.
     """
+    pick_device(settings)  # one that is not there is known before an hour's work
     out, source = Path(out), Path(clip) if clip is not None else None
     film = None if source is None else read_clip(source, settings)
     work = places.begin(out)
