@@ -101,7 +101,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _sorted_out(words: list[str]) -> tuple[list[str], list[str]]:
     """The words that are the command's own, and settings with their values, wherever they stand."""
-    own, settings = [], []
+    own: list[str] = []
+    settings: list[str] = []
     left = list(words)
     while left:
         word = left.pop(0)
