@@ -71,7 +71,9 @@ class Leaf:
         return [self._scalar(item, origin) for item in items]
 
     def _left_out(self, value: Any) -> bool:
-        return value is None or (self.optional and ((self.is_list and value == []) or (self.kind is str and value == "")))
+        """Whether a value stands for none; `==` alone would compare an array element by element."""
+        empty = (isinstance(value, list) and self.is_list) or (isinstance(value, str) and self.kind is str and not self.is_list)
+        return value is None or (self.optional and empty and len(value) == 0)
 
     def _scalar(self, value: Any, origin: str) -> Any:
         need = self._text_need(value) if self.kind is str else self._bool_need(value) if self.kind is bool else self._number_need(value)

@@ -1,5 +1,6 @@
 """The one tree of settings."""
 
+import numpy as np
 import pytest
 
 from diffphys_ros import config
@@ -35,6 +36,8 @@ def test_every_setting_has_a_doc_and_numbers_with_dimension_name_their_unit():
         ("scene.mass_kg", "x" * 5000, "must be a number in kg, written like 2, 0.8 or 1e-3"),
         ("scene.mass_kg", [[1.0] * 10**6], "must be a number"),
         ("scene.mass_kg", {}, "must be a number"),
+        ("scene.thickness_axis", np.zeros(3), "has 1 numbers, needs 3"),
+        ("scene.density_kg_m3", np.zeros(0), "must be a number"),
         ("scene.clamp_box_m", [1, 2], "has 2 numbers, needs 6; give box around the clamped face: xmin ymin zmin"),
         ("scene.density_kg_m3", [1.0] * 300, "has 300 values, must have 1 to 254"),
         ("scene.first_mask", "a\0b", "must be text without control characters"),
