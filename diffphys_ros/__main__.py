@@ -70,6 +70,9 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     score.set_defaults(run=_score)
     commands.add_parser("settings", help="list every setting with unit, range and default").set_defaults(run=_settings)
 
+    broken = next((word for word in arguments if config.BROKEN.search(word)), None)
+    if broken is not None:
+        raise InputError(f"command line: {shown(broken)} holds control characters or broken Unicode; rename the file or correct the word")
     own, settings = _sorted_out(arguments)
     options, rest = parser.parse_known_args(own)
     if (rest or settings) and not hasattr(options, "config"):

@@ -63,8 +63,9 @@ def test_settings_may_stand_before_the_clip():
         ("score f --truth t --scene.mass_kg 2", "'--scene.mass_kg' is unknown here"),
         ("simulate f --out a --young_scale " + "x" * 5000, "must be a number"),
         ("score f --truth " + "x" * 5000, "no such file or folder"),
-        ("score f --truth a\0b", "no such file or folder"),
-        ("score f --truth \ud800", "no such file or folder"),
+        ("score f --truth a\0b", "holds control characters or broken Unicode"),
+        ("recover \ud800 --out o", "holds control characters or broken Unicode"),
+        ("recover c --out a\nb", "holds control characters or broken Unicode"),
     ],
 )
 def test_a_commands_own_flags_are_never_guessed_nor_lost(words, told, capsys, tmp_path, monkeypatch):

@@ -189,7 +189,7 @@ def _write(work: Path, structure: Structure, seen: _Seen | None, world: World, s
     if seen is not None:
         camera, depth = in_world(seen.shot, seen.clip, world), (scale * seen.depth).astype(np.float32)
         capture = _with_object(work, capture, seen, camera, depth, splats)
-        axis = np.array(settings.scene.thickness_axis or camera.world_from_camera[:3, 2], float)
+        axis = np.array(settings.scene.thickness_unit or camera.world_from_camera[:3, 2], float)
         thickness, note = _thickness(structure, capture, camera, seen.mask, depth, axis)
         capture = replace(capture, notes=(*capture.notes, note))
         view = ClipView(seen.taken, camera, seen.distortion, depth, SURFACE, world.scale, thickness, axis)

@@ -1,7 +1,7 @@
 """ONE tree of settings. Feeds the CLI, YAML files, ROS parameters and the README's table."""
 
 from .files import flatten, layered, parse_text, read_text, read_yaml
-from .leaf import Leaf, leaves
+from .leaf import BROKEN, Leaf, leaves
 from .plain_yaml import loaded
 from .tree import (
     CameraSettings,
@@ -24,6 +24,7 @@ from .tree import (
 from .values import build, flat
 
 __all__ = [
+    "BROKEN",
     "CameraSettings",
     "CaptureSettings",
     "DepthSettings",

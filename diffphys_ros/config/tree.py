@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,11 +38,21 @@ class Scene:
     size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0; fixes the scale where neither depth nor clamp does", unit="m", low=1e-4, high=1e3)
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
-    clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", length=6)
-    floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m")
+    clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", low=-1e6, high=1e6, length=6)
+    floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m", low=-1e6, high=1e6)
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
+
+    @property
+    def thickness_unit(self) -> list[float] | None:
+        """thickness_axis at length 1, however long or short it was given; zeros where it has no direction."""
+        if self.thickness_axis is None:
+            return None
+        largest = max(map(abs, self.thickness_axis))
+        scaled = [value / largest if largest else 0.0 for value in self.thickness_axis]
+        length = math.hypot(*scaled) or 1.0
+        return [value / length for value in scaled]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..errors import InputError, short
 from .leaf import leaves
-from .tree import Fit, Settings
+from .tree import Fit, Scene, Settings
 
 WEIGHTS = ("fit.track_weight", "fit.image_weight", "fit.depth_weight")  # of everything that is seen
 
@@ -24,6 +24,7 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
         groups.setdefault(group, {})[key] = known[name].checked(value, origin)
     settings = Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore[operator]
     _require_evidence(settings.fit, origin)
+    _require_direction(settings.scene, origin)
     return settings
 
 
@@ -36,6 +37,11 @@ def _require_evidence(fit: Fit, origin: str) -> None:
     """With no term of the loss nothing would be fitted, and the start values would pass for an answer."""
     if not any(getattr(fit, name.partition(".")[2]) for name in WEIGHTS):
         raise InputError(f"{origin}: {', '.join(WEIGHTS)} are all 0, so that nothing would be fitted; give at least one of them a weight, such as 1")
+
+
+def _require_direction(scene: Scene, origin: str) -> None:
+    if scene.thickness_axis is not None and not any(scene.thickness_axis):
+        raise InputError(f"{origin}: scene.thickness_axis is {short(scene.thickness_axis)}, must have a direction; give a world axis such as [0, 1, 0]")
 
 
 def _nearest(name: str) -> str:

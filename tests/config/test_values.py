@@ -46,6 +46,8 @@ def test_every_setting_has_a_doc_and_numbers_with_dimension_name_their_unit():
         ("prior.model", 3, "must be text; put it between quotes"),
         ("fit.device", "gpu", "must be auto, cpu or cuda:0"),
         ("fit.device", "cuda:", "must be auto, cpu or cuda:0"),
+        ("scene.thickness_axis", [0, 0.0, 0], "must have a direction; give a world axis"),
+        ("scene.clamp_box_m", [1e308] * 6, "must be in -1e+06 .. 1e+06 m"),
         ("fit.seed", 1.5, "must be a whole number"),
         ("fit.schedule", "magic", "must be one of auto, modes, joint"),
         ("fit.seed", None, "must not be null"),

@@ -52,7 +52,8 @@ def check(settings: config.Settings) -> None:
             assert (item is None and leaf.optional) or isinstance(item, leaf.kind), name
             if leaf.kind in (int, float) and item is not None:
                 assert abs(item) < 1e309, name
-                assert (leaf.low is None or item >= leaf.low) and (leaf.high is None or item <= leaf.high), name
+                assert leaf.low is None or item >= leaf.low, name
+                assert leaf.high is None or item <= leaf.high, name
             assert not isinstance(item, str) or not set(item) & {"\0", "\n", "\ud800"}, name
 
 
