@@ -59,7 +59,7 @@ def find(name: str, origin: str) -> Material:
     """The entry that goes by a name; `origin` says in words where it stands. Raises InputError with the nearest names."""
     entry = known(name)
     if entry is None:
-        close = difflib.get_close_matches(_plain(name[:100]), _by_any_name(), 3, 0.5) or list(materials())
+        close = difflib.get_close_matches(_plain(name[:100]), _by_any_name(), 3, 0.5) or list(materials())[:5]
         raise InputError(f"{origin}: material {short(name)} is not in the database; choose one such as {', '.join(close)}, or give E, nu and rho")
     return entry
 
