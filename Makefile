@@ -4,7 +4,7 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph test check mutants lint bench accuracy tables clean
+.PHONY: help setup demo demo-starts graph test check mutants fuzz lint bench accuracy tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
@@ -13,6 +13,7 @@ help:
 	@echo "make test         all tests (ten minutes of processor time)"
 	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
+	@echo "make fuzz         hostile input for every door (under an hour on two cores); ONLY=\"settings bags\" for some, CASES=n each, SEED=n, JOBS=n at a time"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
 	@echo "make accuracy     the simulator against beam theory and finite elements"
@@ -39,6 +40,9 @@ check: lint
 
 mutants: setup
 	$(PY) scripts/mutants.py --jobs $(JOBS) $(if $(TABLE),--table $(TABLE)) $(ONLY)
+
+fuzz: setup
+	OMP_NUM_THREADS=1 $(PY) scripts/fuzz.py --keep $(if $(filter-out 1,$(JOBS)),--jobs $(JOBS)) $(if $(CASES),--cases $(CASES)) $(if $(SEED),--seed $(SEED)) $(ONLY)
 
 lint: setup
 	$(PY) -m ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import signal
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__, config
-from .errors import InputError, SimulationError
+from .errors import InputError, SimulationError, short, shown
 
 USAGE_ERROR, INTERRUPTED = 2, 130
 
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="diffphys", description="Stiffness and forces of a deforming object from one video.")
+    parser = _Parser(prog="diffphys", description="Stiffness and forces of a deforming object from one video.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -70,11 +71,50 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     score.set_defaults(run=_score)
     commands.add_parser("settings", help="list every setting with unit, range and default").set_defaults(run=_settings)
 
-    options, rest = parser.parse_known_args(arguments)
-    if rest and not hasattr(options, "config"):
-        raise InputError(f"command line: {rest[0]!r} is unknown here; see `diffphys {options.command} --help`")
-    options.flags = _flags(rest)
+    broken = next((word for word in arguments if config.BROKEN.search(word)), None)
+    if broken is not None:
+        raise InputError(f"command line: {shown(broken)} holds control characters or broken Unicode; rename the file or correct the word")
+    own, settings = _sorted_out(arguments)
+    options, rest = parser.parse_known_args(own)
+    if (rest or settings) and not hasattr(options, "config"):
+        raise InputError(f"command line: {short((rest or settings)[0])} is unknown here; see `diffphys {options.command} --help`")
+    options.flags = _flags(settings + rest)
     return options
+
+
+class _Once(argparse.Action):
+    """A flag of one value; given twice, one of them would be lost."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option: str | None = None) -> None:
+        given = namespace.__dict__.setdefault("given", set())
+        if option in given:
+            raise InputError(f"command line: {option} is given twice; keep one")
+        if option:
+            given.add(option)
+        setattr(namespace, self.dest, values)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Takes no abbreviations, which would let `--conf` pass for `--config`, and no flag twice."""
+
+    def __init__(self, **words: Any) -> None:
+        super().__init__(**words, allow_abbrev=False)
+        self.register("action", None, _Once)
+        self.register("action", "store", _Once)
+
+
+def _sorted_out(words: list[str]) -> tuple[list[str], list[str]]:
+    """The words that are the command's own, and settings with their values, wherever they stand."""
+    own: list[str] = []
+    settings: list[str] = []
+    left = list(words)
+    while left:
+        word = left.pop(0)
+        dotted = word.startswith("--") and "." in word.partition("=")[0]
+        (settings if dotted else own).append(word)
+        if dotted and "=" not in word and left and not left[0].startswith("--"):
+            settings.append(left.pop(0))
+    return own, settings
 
 
 def _common(command: argparse.ArgumentParser, run: Callable[[argparse.Namespace], int], out: str) -> None:
@@ -90,16 +130,24 @@ def _flags(words: list[str]) -> dict[str, Any]:
     while words:
         word = words.pop(0)
         if not word.startswith("--"):
-            raise InputError(f"command line: {word!r} is not a flag; settings look like `--scene.mass_kg 0.8`")
+            raise InputError(f"command line: {short(word)} is not a flag; settings look like `--scene.mass_kg 0.8`")
         name, given, text = word[2:].partition("=")
         if name not in known:
-            config.build({name: None}, "command line")
+            raise InputError(f"command line: --{shown(name[:80])} is no flag{_nearest(name)}")
+        if name in values:
+            raise InputError(f"command line: --{name} is given twice; keep one")
         if not given:
-            if not words:
-                raise InputError(f"command line: --{name} has no value; {known[name].doc}")
+            if not words or words[0].startswith("--"):
+                raise InputError(f"command line: --{name} has no value; give {known[name].doc}, such as `--{name} {known[name].example}`")
             text = words.pop(0)
         values[name] = config.parse_text(known[name], text)
+    config.build(values, "command line")
     return values
+
+
+def _nearest(name: str) -> str:
+    close = difflib.get_close_matches(name[:100], [*config.leaves(), "config", "out", "resume", "help"], 1, 0.4)
+    return f"; did you mean --{close[0]}?" if close else "; `diffphys settings` lists every setting"
 
 
 def _recover(options: argparse.Namespace) -> int:
@@ -173,7 +221,7 @@ def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise InputError(f"command line: --{name} is {text!r}, must be a number; 1 simulates what was recovered") from error
+        raise InputError(f"command line: --{name} is {short(text)}, must be a number; 1 simulates what was recovered") from error
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -191,10 +239,11 @@ def _settings(options: argparse.Namespace) -> int:
 
 
 def _existing(path: str | Path) -> Path:
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder; give the path of an existing one")
-    return path
+    try:
+        os.stat(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{shown(path)}: no such file or folder; give the path of an existing one") from error
+    return Path(path)
 
 
 def show(steps: Generator[Any, None, Any]) -> Any:

@@ -6,11 +6,12 @@ Weights are read from safetensors files alone (a pickle may run code), and code 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .devices import usable
+from .errors import InputError, short
 
 
 def model_of(name: str, architectures: Mapping[str, str], *, setting: str, device: str) -> tuple[Any, Any]:
@@ -23,11 +24,12 @@ def model_of(name: str, architectures: Mapping[str, str], *, setting: str, devic
 
     Raises InputError where transformers is absent, or the checkpoint cannot be found, read or used for this.
     """
+    name, chosen = os.path.expanduser(name), usable(device)
     try:
         import torch
         import transformers
     except ModuleNotFoundError as error:
-        raise InputError(f"{setting} {name!r} needs the package {error.name!r}; install diffphys_ros with the extra [models]") from error
+        raise InputError(f"{setting} {short(name)} needs the package {error.name!r}; install diffphys_ros with the extra [models]") from error
     logging.getLogger("transformers").setLevel(logging.ERROR)  # its advice is for people who train
     transformers.utils.logging.disable_progress_bar()
     options = _options(name)
@@ -35,12 +37,11 @@ def model_of(name: str, architectures: Mapping[str, str], *, setting: str, devic
     kind = architectures.get(config.model_type, architectures.get("*"))
     if kind is None:
         raise InputError(
-            f"{setting} {name!r}: a network of type {config.model_type!r}, must be one of {', '.join(architectures)}; give another checkpoint"
+            f"{setting} {short(name)}: a network of type {config.model_type!r}, must be one of {', '.join(architectures)}; give another checkpoint"
         )
     model = _read(
         name, setting, lambda: getattr(transformers, kind).from_pretrained(name, use_safetensors=True, dtype=torch.float32, **options)
     )
-    chosen = ("cuda:0" if torch.cuda.is_available() else "cpu") if device == "auto" else device
     return model.eval().to(chosen), model.config
 
 
@@ -48,6 +49,7 @@ def image_processor(name: str, *, setting: str) -> Any:
     """What turns images into a checkpoint's inputs and its outputs into images. Raises InputError where its files are missing."""
     import transformers
 
+    name = os.path.expanduser(name)
     return _read(name, setting, lambda: transformers.AutoImageProcessor.from_pretrained(name, **_options(name)))
 
 
@@ -56,16 +58,16 @@ def _options(name: str) -> dict[str, Any]:
 
 
 def _is_local(name: str) -> bool:
-    return Path(name).exists() or name.startswith(("/", ".", "~"))
+    return os.path.exists(name) or name.startswith(("/", ".", "~"))
 
 
 def _read(name: str, setting: str, load: Callable[[], Any]) -> Any:
-    if _is_local(name) and not Path(name).is_dir():
-        raise InputError(f"{setting} {name!r}: there is no such folder; give one with config.json and model.safetensors, or a hub id")
+    if _is_local(name) and not os.path.isdir(name):
+        raise InputError(f"{setting} {short(name)}: there is no such folder; give one with config.json and model.safetensors, or a hub id")
     try:
         return load()
     except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
         reason = " ".join(str(error).split())[:160]
         raise InputError(
-            f"{setting} {name!r}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
+            f"{setting} {short(name)}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
         ) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from diffphys_ros import config
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, short, shown
 
 _RCLPY = ("use_sim_time", "start_type_description_service")  # declared by rclpy itself
 _QOS_PREFIX = "qos_overrides."
@@ -51,18 +53,21 @@ class Parameters:
         node.add_on_set_parameters_callback(self._check)
 
     def __getitem__(self, name: str) -> Any:
-        """Value of one of the node's own parameters; raises InputError where it is none of the choices."""
+        """Value of one of the node's own parameters, ~ as the home folder; raises InputError where it is of another kind or none of the choices."""
         value, item = _plain(self._node.get_parameter(name).value), self._own[name]
-        if item.choices and value not in item.choices:
-            raise InputError(f"parameters of {self._node.get_name()}: {name} is {value!r}, must be one of {', '.join(item.choices)}")
-        if isinstance(item.default, (int, float)) and not isinstance(value, (int, float)):
-            raise InputError(f"parameters of {self._node.get_name()}: {name} is {value!r}, must be a number")
-        return value
+        need = _need(item, value)
+        if need:
+            raise InputError(f"parameters of {self._node.get_name()}: {name} is {short(value)}, must be {need}")
+        return os.path.expanduser(value) if isinstance(value, str) else value
 
     def paths(self, name: str) -> list[str]:
         """A parameter that holds one path or several, as a list without empty ones."""
         value = _plain(self._node.get_parameter(name).value) or []
-        return [path for path in ([value] if isinstance(value, str) else value) if path]
+        paths = value if isinstance(value, list) else [value]
+        wrong = [path for path in paths if not isinstance(path, str) or config.BROKEN.search(path)]
+        if wrong:
+            raise InputError(f"parameters of {self._node.get_name()}: {name} holds {short(wrong[0])}, must be a path or a list of paths; put it between quotes")
+        return [os.path.expanduser(path) for path in paths if path]
 
     def settings(self, changes: Mapping[str, Any] | None = None) -> config.Settings:
         """The tree as the parameters stand, with `changes` on top. Raises InputError."""
@@ -100,12 +105,29 @@ def _describe_own(item: Own) -> ParameterDescriptor:
     return ParameterDescriptor(description=item.doc, additional_constraints=", ".join(item.choices), read_only=True, dynamic_typing=True)
 
 
+def _need(item: Own, value: Any) -> str:
+    """What a node's own parameter would have to be; empty where it is that already."""
+    if item.choices and value not in item.choices:
+        return f"one of {', '.join(item.choices)}"
+    if isinstance(item.default, str) and (not isinstance(value, str) or config.BROKEN.search(value)):
+        return "text without control characters; put it between quotes"
+    if isinstance(item.default, bool) and not isinstance(value, bool):
+        return "true or false"
+    if not isinstance(item.default, (bool, str, list)) and not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+        return "a number above 0"
+    return ""
+
+
 def _plain(value: Any) -> Any:
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else value
 
 
 def existing(path: str) -> str:
     """A path parameter as it is, empty or not; raises InputError where it names nothing."""
-    if path and not Path(path).exists():
-        raise InputError(f"parameter bag: {path}: there is no such file or folder; give the path of a bag, a video or a folder of images")
+    try:
+        there = not path or Path(path).exists()
+    except (OSError, ValueError):  # too long, or no path at all
+        there = False
+    if not there:
+        raise InputError(f"parameter bag: {shown(path)}: there is no such file or folder; give the path of a bag, a video or a folder of images")
     return path

@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "types", "config"}
+GROUND = {"errors", "types", "config", "devices"}
 SHARED = {"correspondence", "local_plane", "footprints", "pretrained", "unseen"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses", "lpips"}
 LEAVES = {"bags", "msg_schemas"}
@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "types": set(),
     "config": {"errors"},
+    "devices": {"errors"},
     "store": {"errors"},
     **dict.fromkeys(SHARED, GROUND),
     **dict.fromkeys(STAGES, GROUND | SHARED),

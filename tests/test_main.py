@@ -22,7 +22,7 @@ QUICK = [
     ("words", "said"),
     [
         (["recover", "{tmp}/none.mcap", "--out", "{tmp}/out"], "no such file"),
-        (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mas_kg", "1"], "did you mean 'scene.mass_kg'"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mas_kg", "1"], "did you mean --scene.mass_kg"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mass_kg", "-1"], "must be in 1e-06 .. 100000 kg"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--scene.mass_kg"], "has no value"),
         (["recover", "{clip}", "--out", "{tmp}/out", "stray"], "is not a flag"),

@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..config import read_text
+from ..errors import InputError, short, shown
 from ..types import Camera
 from .structure import Structure
 
 LEAST_DEPTHS = 20  # sparse points or pixels with a depth that a scale is read from
 LEAST_POSITIONS = 3  # cameras of known position
+LARGEST_M = 1e7  # of a coordinate; those of maps stay below
+LARGEST_FILE = 1 << 24  # bytes of a text of positions
 ROUNDS = 10  # of the reweighted similarity
 COLLINEAR = 1e-3  # second over first singular value of positions that lie in a line
 
@@ -84,12 +87,25 @@ def fitted_similarity(source: np.ndarray, target: np.ndarray, weight: np.ndarray
 def read_positions(path: Path) -> dict[str, np.ndarray]:
     """Camera positions [m] by picture from lines `name x y z` (as COLMAP's model_aligner reads them); names without their ending.
 
-    Raises InputError for a file that cannot be read and for other lines.
+    Raises InputError for a file that cannot be read, for other lines and for a picture that stands twice.
     """
+    found: dict[str, np.ndarray] = {}
+    origin = f"capture.positions {shown(path)}"
+    for number, line in enumerate(read_text(path, origin, largest=LARGEST_FILE).splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        name, position = _position(line.split(), f"{origin}, line {number}")
+        if name in found:
+            raise InputError(f"{origin}, line {number}: {short(name)} stands twice; keep one")
+        found[name] = position
+    return found
+
+
+def _position(words: list[str], origin: str) -> tuple[str, np.ndarray]:
     try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")]
-        return {words[0].rsplit(".", 1)[0]: np.array([float(w) for w in words[1:4]]).reshape(3) for words in lines}
-    except OSError as error:
-        raise InputError(f"capture.positions {path}: {error.strerror or error}; give the path of a readable text file") from error
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"capture.positions {path}: every line must hold a picture's name and its camera's x y z in metres; correct the file") from error
+        position = np.array([float(word) for word in words[1:]])
+    except ValueError:
+        position = np.zeros(0)
+    if len(words) != 4 or position.shape != (3,) or not (np.abs(position) < LARGEST_M).all():
+        raise InputError(f"{origin}: must hold a picture's name and its camera's x y z in metres, each below {LARGEST_M:g}; correct the file")
+    return words[0].rsplit(".", 1)[0], position

@@ -71,6 +71,7 @@ def reconstruct(images: str | Path, out: str | Path, settings: Settings, clip: s
     Raises InputError for pictures from which nothing can be built, a clip whose frame 0 finds no place among them, and places that
     cannot be written.
     """
+    pick_device(settings)  # one that is not there is known before an hour's work
     out, source = Path(out), Path(clip) if clip is not None else None
     film = None if source is None else read_clip(source, settings)
     work = places.begin(out)
@@ -188,7 +189,7 @@ def _write(work: Path, structure: Structure, seen: _Seen | None, world: World, s
     if seen is not None:
         camera, depth = in_world(seen.shot, seen.clip, world), (scale * seen.depth).astype(np.float32)
         capture = _with_object(work, capture, seen, camera, depth, splats)
-        axis = np.array(settings.scene.thickness_axis or camera.world_from_camera[:3, 2], float)
+        axis = np.array(settings.scene.thickness_unit or camera.world_from_camera[:3, 2], float)
         thickness, note = _thickness(structure, capture, camera, seen.mask, depth, axis)
         capture = replace(capture, notes=(*capture.notes, note))
         view = ClipView(seen.taken, camera, seen.distortion, depth, SURFACE, world.scale, thickness, axis)

@@ -24,9 +24,9 @@ def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np
     if not on_clamp(clip, settings):
         return flat_depth(clip, mask, settings)
     assert scene.clamp_box_m is not None
-    assert scene.thickness_axis is not None
+    assert scene.thickness_unit is not None
     centre = np.reshape(scene.clamp_box_m, (2, 3)).mean(0)
-    axis = np.array(scene.thickness_axis, float) / np.linalg.norm(scene.thickness_axis)
+    axis = np.array(scene.thickness_unit)
     normal = axis * np.sign((camera.position - centre) @ axis)
     thickness = scene.thickness_m or 0.0
     v, u = np.nonzero(mask)

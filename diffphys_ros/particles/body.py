@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..config import Scene, Settings
+from ..config import Scene, Settings, leaves
 from ..errors import InputError
 from ..types import IGNORE, Body, Clip
 from ..unseen import nearest_known
@@ -73,10 +73,21 @@ def part_densities(scene: Scene, volumes: np.ndarray) -> tuple[np.ndarray, str]:
         density = _per_part(scene.density_kg_m3, len(volumes), "scene.density_kg_m3")
         if scene.mass_kg is None:
             return density, "density_kg_m3"
-        return density * scene.mass_kg / float(density @ volumes), "density_kg_m3 scaled to mass_kg"
+        return _of_mass(density * scene.mass_kg / float(density @ volumes), "density_kg_m3 scaled to mass_kg")
     if scene.mass_kg is not None:
-        return np.full(len(volumes), scene.mass_kg / volumes.sum()), "mass_kg over the filled volume"
+        return _of_mass(np.full(len(volumes), scene.mass_kg / volumes.sum()), "mass_kg over the filled volume")
     return np.full(len(volumes), WATER_DENSITY), f"assumed: {WATER_DENSITY:g} kg/m^3"
+
+
+def _of_mass(density: np.ndarray, source: str) -> tuple[np.ndarray, str]:
+    """Density per part [kg/m^3] that follows from a mass, and what fixed it, with a word of doubt where no solid is so light or so heavy."""
+    leaf = leaves()["scene.density_kg_m3"]
+    assert leaf.low is not None
+    assert leaf.high is not None
+    if leaf.low <= density.min() and density.max() <= leaf.high:
+        return density, source
+    strange = density.min() if density.min() < leaf.low else density.max()
+    return density, f"{source}, which makes {strange:.3g} kg/m^3 where solids have {leaf.range_text}: check mass_kg, thickness_m and the scale"
 
 
 def _per_part(values: list[float], parts: int, name: str) -> np.ndarray:

@@ -61,9 +61,9 @@ def body_pose(clamp: Clamp | None, surface: np.ndarray, towards_camera: np.ndarr
 def thickness_direction(scene: Scene, camera: Camera, surface: np.ndarray) -> np.ndarray:
     """Unit vector (3,) along which the thickness is measured, pointing towards the camera; the optical axis where none is given."""
     axis = -camera.world_from_camera[:3, 2]
-    if scene.thickness_axis is not None and camera.pose_known:
-        axis = np.array(scene.thickness_axis, float)
-    if np.linalg.norm(axis) < 1e-9:
+    if scene.thickness_unit is not None and camera.pose_known:
+        axis = np.array(scene.thickness_unit)
+    if not axis.any():
         raise InputError(f"scene.thickness_axis {scene.thickness_axis}: its length is 0, must be positive; give a world axis such as [0, 1, 0]")
     axis = _unit(axis)
     towards = (camera.position - surface.mean(0)) @ axis

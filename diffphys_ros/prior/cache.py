@@ -9,9 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..config import read_text
 from ..errors import InputError
 from ..store import write_whole
-from .endpoint import Message
+from .endpoint import LARGEST_ANSWER, Message
+
+LARGEST_FILE = 6 * LARGEST_ANSWER + 100  # bytes: a character of the answer takes at most six, as \u0000
 
 
 def default_folder() -> Path:
@@ -28,8 +31,8 @@ class Cache:
     def get(self, key: str) -> str | None:
         """The stored answer, if there is a readable one."""
         try:
-            answer = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))["answer"]
-        except (OSError, ValueError, KeyError, TypeError):
+            answer = json.loads(read_text(self.folder / f"{key}.json", "a cached answer", largest=LARGEST_FILE))["answer"]
+        except (InputError, ValueError, KeyError, TypeError, RecursionError):
             return None
         return answer if isinstance(answer, str) else None
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..config import loaded, read_text
+from ..errors import InputError, short
 
 FILE = Path(__file__).with_name("materials.yaml")
 UNKNOWN = "soft solid"  # the entry for objects of which nothing is known
@@ -44,9 +45,7 @@ class Material:
 @cache
 def materials() -> dict[str, Material]:
     """Every entry by name, in the order of the file."""
-    import yaml
-
-    entries = yaml.safe_load(FILE.read_text(encoding="utf-8"))
+    entries = loaded(read_text(FILE, str(FILE)), str(FILE))
     found = (Material(e["name"], tuple(e["aliases"]), Span(*e["E"]), Span(*e["nu"]), Span(*e["rho"])) for e in entries)
     return {material.name: material for material in found}
 
@@ -60,8 +59,8 @@ def find(name: str, origin: str) -> Material:
     """The entry that goes by a name; `origin` says in words where it stands. Raises InputError with the nearest names."""
     entry = known(name)
     if entry is None:
-        close = difflib.get_close_matches(_plain(name), _by_any_name(), 3, 0.5) or list(materials())
-        raise InputError(f"{origin}: material {name!r} is not in the database; choose one such as {', '.join(close)}, or give E, nu and rho")
+        close = difflib.get_close_matches(_plain(name[:100]), _by_any_name(), 3, 0.5) or list(materials())[:5]
+        raise InputError(f"{origin}: material {short(name)} is not in the database; choose one such as {', '.join(close)}, or give E, nu and rho")
     return entry
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import http.client
 import json
-import time
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
+from urllib.parse import urlsplit
 
-from ..errors import InputError
+from ..errors import InputError, short
+from .line import Line, TooLongError
 
 LARGEST_ANSWER = 1 << 20  # bytes
-CHUNK = 1 << 16  # bytes
+TICK_S = 0.1  # how long one step of a request waits for the answer
 WAIT_AGAIN = frozenset({408, 409, 425, 429, 500, 502, 503, 504})  # status codes after which the same request may succeed
 
 Message = dict[str, Any]
@@ -28,16 +30,9 @@ class EndpointError(RuntimeError):
         self.passing = passing
 
 
-class _NoRedirects(urllib.request.HTTPRedirectHandler):
-    """A redirect would carry images and key to a server that nobody named."""
-
-    def redirect_request(self, *args: Any, **kwargs: Any) -> None:
-        return None
-
-
 @dataclass(frozen=True)
 class Endpoint:
-    """Where a model answers."""
+    """Where a model answers. Raises InputError for an address that is none."""
 
     base_url: str  # such as https://api.openai.com/v1
     model: str
@@ -45,45 +40,50 @@ class Endpoint:
     key: str = field(default="", repr=False)  # empty: none is sent
 
     def __post_init__(self) -> None:
-        if not self.base_url.startswith(("https://", "http://")):
-            raise InputError(f"prior.base_url is {self.base_url!r}, must begin with https:// or http://, such as https://api.openai.com/v1")
+        if not _is_address(self.base_url):
+            raise InputError(f"prior.base_url is {short(self.base_url)}, must begin with https:// or http:// and name a host, such as https://api.openai.com/v1")
 
-    def ask(self, messages: Sequence[Message]) -> str:
-        """The text of the answer to a chat. Raises EndpointError."""
+    def asking(self, messages: Sequence[Message]) -> Generator[None, None, str]:
+        """The text of the answer to a chat; yields every TICK_S while there is none. To close the generator ends the request.
+
+        Raises EndpointError, `timeout_s` after the beginning at the latest.
+        """
         body = json.dumps({"model": self.model, "messages": list(messages)}).encode()
         request = urllib.request.Request(f"{self.base_url.rstrip('/')}/chat/completions", body, {"Content-Type": "application/json"})
         if self.key:
             request.add_unredirected_header("Authorization", f"Bearer {self.key}")
-        return _content(self._posted(request))
+        return _content((yield from self._posted(request)))
 
-    def _posted(self, request: urllib.request.Request) -> bytes:
-        deadline = time.monotonic() + self.timeout_s
+    def _posted(self, request: urllib.request.Request) -> Generator[None, None, bytes]:
+        line = Line(request, timeout_s=self.timeout_s, largest=LARGEST_ANSWER)
         try:
-            with urllib.request.build_opener(_NoRedirects).open(request, timeout=self.timeout_s) as response:
-                return _read(response, deadline)
+            while (answer := line.wait(TICK_S)) is None:
+                yield
         except urllib.error.HTTPError as error:
-            error.close()
-            raise EndpointError(f"the endpoint answered with HTTP status {error.code}", passing=error.code in WAIT_AGAIN) from None
-        except TimeoutError:
-            raise EndpointError(f"no whole answer within {self.timeout_s:g} s", passing=True) from None
+            with closing(error):
+                raise EndpointError(f"the endpoint answered with HTTP status {error.code}", passing=error.code in WAIT_AGAIN) from None
+        except TooLongError:
+            raise EndpointError(f"the answer is longer than {LARGEST_ANSWER} bytes", passing=True) from None
         except (OSError, http.client.HTTPException, ValueError) as error:
-            reason = getattr(error, "reason", None)
-            if isinstance(reason, TimeoutError):
-                raise EndpointError(f"no whole answer within {self.timeout_s:g} s", passing=True) from None
-            what = getattr(reason, "strerror", None) or type(reason or error).__name__
-            raise EndpointError(f"no connection to the endpoint ({what})", passing=not isinstance(error, ValueError)) from None
+            raise self._lost(error) from None
+        finally:
+            line.give_up()
+        return answer
+
+    def _lost(self, error: Exception) -> EndpointError:
+        reason = getattr(error, "reason", None)
+        if isinstance(error, TimeoutError) or isinstance(reason, TimeoutError):
+            return EndpointError(f"no whole answer within {self.timeout_s:g} s", passing=True)
+        what = getattr(reason, "strerror", None) or type(reason or error).__name__
+        return EndpointError(f"no connection to the endpoint ({what})", passing=not isinstance(error, ValueError))
 
 
-def _read(response: http.client.HTTPResponse, deadline: float) -> bytes:
-    """The whole answer; a server that drips bytes does not outlive the deadline."""
-    parts: list[bytes] = []
-    while part := response.read1(CHUNK):
-        parts.append(part)
-        if sum(map(len, parts)) > LARGEST_ANSWER:
-            raise EndpointError(f"the answer is longer than {LARGEST_ANSWER} bytes", passing=True)
-        if time.monotonic() > deadline:
-            raise TimeoutError
-    return b"".join(parts)
+def _is_address(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and (parts.port or 1) > 0 and url.isprintable() and " " not in url
+    except ValueError:  # brackets that do not close, a port that is no number
+        return False
 
 
 def _content(body: bytes) -> str:

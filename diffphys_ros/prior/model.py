@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from .endpoint import Endpoint, EndpointError, Message
 from .prompt import again, question, records_of
 from .records import Record
 
+Steps = Generator[float, None, list[Record]]
 FIRST_WAIT_S = 1.0  # before the second try after a passing failure; doubled each time
 
 
@@ -34,9 +36,22 @@ def endpoint_of(settings: PriorSettings) -> Endpoint:
 
 
 def ask(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings, *, wait: Callable[[float], None] = time.sleep) -> list[Record]:
+    """What `asking` returns; `wait` hears the pauses before requests that are sent again [s]."""
+    steps = asking(frame, labels, settings)
+    while True:
+        try:
+            pause = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        if pause:
+            wait(pause)
+
+
+def asking(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings) -> Steps:
     """Records of frame 0 (H, W, 3) uint8 RGB with its label image (H, W), from the cache where the same was asked before.
 
-    Raises InputError for settings that name no endpoint, NoAnswerError where `prior.attempts` requests gave nothing usable.
+    Yields the seconds after which it wants to go on, 0 while the model thinks; to close the generator ends the request. Raises
+    InputError for settings that name no endpoint, NoAnswerError where `prior.attempts` requests gave nothing usable.
     """
     endpoint, parts = endpoint_of(settings), int(labels[labels < 255].max(initial=0))
     messages = question(frame, labels)
@@ -44,7 +59,7 @@ def ask(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings, *, wait:
     remembered = _usable(cache.get(key), parts)
     if remembered is not None:
         return remembered
-    answer, records = _asked(endpoint, messages, parts, settings.attempts, wait)
+    answer, records = yield from _asked(endpoint, messages, parts, settings.attempts)
     cache.put(key, answer)
     return records
 
@@ -56,12 +71,12 @@ def _usable(answer: str | None, parts: int) -> list[Record] | None:
         return None
 
 
-def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: int, wait: Callable[[float], None]) -> tuple[str, list[Record]]:
+def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: int) -> Generator[float, None, tuple[str, list[Record]]]:
     """The first answer that keeps the contract, and its records."""
     talk, why, pause = list(messages), "", FIRST_WAIT_S
     for attempt in range(attempts):
         try:
-            answer = endpoint.ask(talk)
+            answer = yield from _answered(endpoint, talk)
             return answer, records_of(answer, parts=parts)
         except InputError as error:
             why, talk = f"its answer breaks the contract: {error}", [*messages, *again(answer, str(error))]
@@ -70,6 +85,18 @@ def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: in
             if not error.passing:
                 break
             if attempt + 1 < attempts:
-                wait(pause)
+                yield pause
                 pause *= 2
     raise NoAnswerError(why)
+
+
+def _answered(endpoint: Endpoint, talk: list[Message]) -> Generator[float, None, str]:
+    """One request; 0 for every step without an answer."""
+    steps = endpoint.asking(talk)
+    with closing(steps):
+        while True:
+            try:
+                next(steps)
+            except StopIteration as stop:
+                return stop.value
+            yield 0.0

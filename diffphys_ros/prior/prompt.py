@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-import re
+import string
 import struct
 import zlib
 from typing import Any
@@ -17,6 +17,7 @@ from .database import materials
 from .endpoint import Message
 from .records import DENSITY_RANGE, POISSON_RANGE, YOUNG_RANGE, Record, of_model
 
+FENCE = "```"
 MOST_RECORDS = 32
 LARGEST_SIDE = 768  # px: more shows a model nothing that tells materials apart
 BACKDROP = 127  # grey of what is not the object
@@ -83,14 +84,20 @@ def _words(parts: int) -> str:
 
 
 def _array(answer: str) -> list[Any]:
-    fenced = re.search(r"```[a-zA-Z]*\s*(.*?)```", answer, re.S)
     try:
-        found = json.loads(fenced.group(1) if fenced else answer)
+        found = json.loads(_unfenced(answer))
     except (ValueError, RecursionError) as error:
         raise InputError(f"It is not valid JSON ({str(error)[:120]})") from error
     if not isinstance(found, list):
         raise InputError(f"It is a JSON {type(found).__name__}, must be an array of objects")
     return found
+
+
+def _unfenced(answer: str) -> str:
+    """What stands in the first Markdown fence without the name of its language; the whole answer where there is none."""
+    _, begin, rest = answer.partition(FENCE)
+    inside, end, _ = rest.partition(FENCE)
+    return inside.lstrip(string.ascii_letters) if begin and end else answer
 
 
 def _reduced(image: np.ndarray) -> np.ndarray:

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, short
 from .database import Material, find, known
 
 YOUNG_RANGE, POISSON_RANGE, DENSITY_RANGE = (1e2, 1e12), (0.0, 0.49), (1.0, 3e4)  # Pa, 1, kg/m^3: what a solid can have
 LONGEST_NAME = 80
 WITHIN = 2.0  # factor on E that is one standard deviation, where a value is given without one
+KEYS = ("name", "part", "box", "material", "E", "nu", "rho", "within")  # of a person's entry
 QUANTITIES = (("E", "Pa", YOUNG_RANGE), ("nu", "", POISSON_RANGE), ("rho", "kg/m^3", DENSITY_RANGE))
 
 
@@ -57,9 +58,9 @@ def of_person(entry: Any, origin: str, *, parts: int) -> Record:
     """One element of `parts` in a person's file: `part` or `box` or neither, `material` or E, nu and rho; values given
     beside a material replace the database's; `within` is the factor on E that is one standard deviation. Raises InputError."""
     words = _mapping(entry, origin)
-    unknown = sorted(set(words) - {"name", "part", "box", "material", "E", "nu", "rho", "within"})
-    if unknown:
-        raise InputError(f"{origin}: unknown key {unknown[0]!r}; the known ones are name, part, box, material, E, nu, rho, within")
+    unknown = next((key for key in words if key not in KEYS), None)
+    if unknown is not None:
+        raise InputError(f"{origin}: unknown key {short(unknown)}; the known ones are {', '.join(KEYS)}")
     if "part" in words and "box" in words:
         raise InputError(f"{origin}: has both part and box; give one of the two")
     material = find(_text(words, "material", origin), origin) if "material" in words else None
@@ -95,14 +96,14 @@ def _plausible(material: Material, young: float, density: float, origin: str) ->
 
 def _mapping(entry: Any, origin: str) -> Mapping[str, Any]:
     if not isinstance(entry, Mapping):
-        raise InputError(f"{origin}: is {_short(entry)}, must be an object with name, box, material, E, nu, rho")
+        raise InputError(f"{origin}: is {short(entry)}, must be an object with name, box, material, E, nu, rho")
     return entry
 
 
 def _text(words: Mapping[str, Any], key: str, origin: str) -> str:
     value = words.get(key)
-    if not isinstance(value, str) or not value.strip() or len(value) > LONGEST_NAME:
-        raise InputError(f"{origin}: {key} is {_short(value)}, must be text of 1 to {LONGEST_NAME} characters")
+    if not isinstance(value, str) or not value.strip() or len(value) > LONGEST_NAME or not value.strip().isprintable():
+        raise InputError(f"{origin}: {key} is {short(value)}, must be text of 1 to {LONGEST_NAME} printable characters")
     return value.strip()
 
 
@@ -110,24 +111,24 @@ def _quantity(words: Mapping[str, Any], key: str, unit: str, bounds: tuple[float
     value = number(words.get(key))
     of_unit = f" {unit}" if unit else ""
     if value is None or not bounds[0] <= value <= bounds[1]:
-        raise InputError(f"{origin}: {key} is {_short(words.get(key))}, must be a number in {bounds[0]:g} .. {bounds[1]:g}{of_unit}")
+        raise InputError(f"{origin}: {key} is {short(words.get(key))}, must be a number in {bounds[0]:g} .. {bounds[1]:g}{of_unit}")
     return value
 
 
 def number(value: Any) -> float | None:
-    """A finite number; also from text such as 2e6, which YAML 1.1 does not take for one. None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    """A finite number. None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
         found = float(value)
-    except (ValueError, OverflowError):
+    except OverflowError:
         return None
     return found if math.isfinite(found) else None
 
 
 def _part(value: Any, origin: str, parts: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= parts:
-        raise InputError(f"{origin}: part is {_short(value)}, must be a whole number in 1 .. {parts}, the parts that the masks show")
+        raise InputError(f"{origin}: part is {short(value)}, must be a whole number in 1 .. {parts}, the parts that the masks show")
     return value
 
 
@@ -136,12 +137,6 @@ def _box(words: Mapping[str, Any], origin: str) -> tuple[float, float, float, fl
     corners = [number(v) for v in value] if isinstance(value, (list, tuple)) and len(value) == 4 else [None]
     if any(c is None or not 0.0 <= c <= 1.0 for c in corners) or not (corners[0] < corners[2] and corners[1] < corners[3]):  # type: ignore[operator]
         raise InputError(
-            f"{origin}: box is {_short(value)}, must be [left, top, right, bottom] inside the image as shares of its width and height in 0 .. 1, with left < right and top < bottom"
+            f"{origin}: box is {short(value)}, must be [left, top, right, bottom] inside the image as shares of its width and height in 0 .. 1, with left < right and top < bottom"
         )
     return tuple(corners)  # type: ignore[return-value]
-
-
-def _short(value: Any) -> str:
-    """A value for a message, cut to a line."""
-    text = repr(value)
-    return text if len(text) <= LONGEST_NAME else text[:LONGEST_NAME] + ".."

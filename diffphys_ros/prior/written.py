@@ -10,23 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import InputError
+from ..config import loaded, read_text
+from ..errors import InputError, shown
 from .records import Record, of_person
+
+MOST_RECORDS = 254  # label images know no more parts
 
 
 def read_records(path: str | Path, *, parts: int) -> list[Record]:
     """Records of a YAML file for an object of `parts` parts. Raises InputError that names file and entry."""
-    import yaml
-
-    origin = f"prior.file {path}"
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{origin}: {error.strerror or error}; give the path of a readable YAML file") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{origin}: not valid YAML ({' '.join(str(error).split())[:200]}); correct the file") from error
-    if not isinstance(tree, Mapping) or set(tree) != {"parts"} or not isinstance(tree["parts"], list) or not tree["parts"]:
-        raise InputError(f"{origin}: must hold 'parts:' with at least one entry such as '- {{part: 1, material: rubber}}'")
+    origin = f"prior.file {shown(path)}"
+    tree = loaded(read_text(path, origin), origin)
+    if not isinstance(tree, Mapping) or set(tree) != {"parts"} or not isinstance(tree["parts"], list) or not 1 <= len(tree["parts"]) <= MOST_RECORDS:
+        raise InputError(f"{origin}: must hold 'parts:' with 1 to {MOST_RECORDS} entries such as '- {{part: 1, material: rubber}}'")
     records = [of_person(entry, f"{origin}, entry {i + 1}", parts=parts) for i, entry in enumerate(tree["parts"])]
     _check_regions(records, origin)
     return records

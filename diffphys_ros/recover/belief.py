@@ -54,7 +54,7 @@ def believed(body: Body, prior: MaterialPrior, camera: Camera, scene: Scene) -> 
     density, poisson = body.density, body.poisson
     if scene.density_kg_m3 is None:
         density, source = part_densities(replace(scene, density_kg_m3=list(share @ prior.density)), _volumes(body).sum((1, 2)))
-        sources["density"] = prior.source + (" scaled to mass_kg" if "mass_kg" in source else "")
+        sources["density"] = source.replace("density_kg_m3", prior.source, 1)
     if scene.poisson_ratio is None:
         poisson, sources["poisson_ratio"] = share @ prior.poisson, prior.source
     return replace(body, density=density, poisson=poisson, sources=sources)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..config import Settings
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..losses import foreground
 from ..modes.model import ModalModel
 from ..modes.zones import Zoned
 from ..types import Body, Clip, MaterialPrior, StartValues, Tracks
 from .belief import believed, of_parts, parted
 from .law import law_to_fit
-from .progress import Progress
+from .progress import Progress, waiting
 
 LEAST_FRAMES = 8  # fewer cannot show an oscillation
 
@@ -63,7 +63,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     from ..modes import start_values
     from ..modes.joint import joint_values
     from ..particles import build_body
-    from ..prior import material_prior
+    from ..prior import believing
     from ..tracks import follow
     from .zones import zones_of
 
@@ -82,7 +82,9 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
     body, belief = build_body(clip, depth0, settings), None
     body = replace(body, sources=body.sources | {"metric_scale": source.scale})
-    prior = material_prior(clip, settings)
+    if settings.prior.source == "model":
+        yield Progress("body", text=f"asking the model {shown(settings.prior.model)} about the material")
+    prior = yield from waiting("body", believing(clip, settings))
     if prior is not None:
         body = parted(body, prior, clip.camera)
         body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)

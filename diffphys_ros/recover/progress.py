@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -20,6 +21,17 @@ class Progress:
     seconds_left: float | None = None
     text: str = ""  # one line for people
     artefact: Any = None  # what the stage made: StartValues, Splats, Recovery; None while under way
+
+
+def waiting(stage: str, steps: Generator[None, None, T]) -> Generator[Progress, None, T]:
+    """What steps return that may have to wait; a news without words for each of theirs, so that they can be cancelled meanwhile."""
+    with closing(steps):
+        while True:
+            try:
+                next(steps)
+            except StopIteration as stop:
+                return stop.value
+            yield Progress(stage)
 
 
 def told(stage: str, steps: Generator[tuple[int, int, float], None, T]) -> Generator[Progress, None, T]:

@@ -10,6 +10,7 @@ import torch
 from scipy.ndimage import binary_dilation
 
 from ..config import Settings
+from ..devices import usable
 from ..fields import Layout
 from ..particles import DensePoints, dense_points
 from ..types import Body, Recovery, Splats, StartValues
@@ -57,10 +58,8 @@ class Problem:
 
 
 def pick_device(settings: Settings) -> str:
-    """cpu or cuda:0, as asked for, or the best there is."""
-    if settings.fit.device != "auto":
-        return settings.fit.device
-    return "cuda:0" if torch.cuda.is_available() else "cpu"
+    """cpu or cuda:0, as asked for, or the best there is. Raises InputError where there is none such."""
+    return usable(settings.fit.device)
 
 
 def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32) -> Problem:

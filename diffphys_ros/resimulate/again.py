@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from .. import result
-from ..errors import InputError
+from ..errors import InputError, short
 from ..types import MpmProblem, Recovery
 from .eigenmodes import eigenmodes
 from .material_points import material_points
@@ -51,6 +51,6 @@ def simulate_again(
 
 def _check(device: str) -> None:
     if device not in DEVICES:
-        raise InputError(f"device is {device!r}, must be one of {', '.join(DEVICES)}; leave it at {DEVICES[0]}")
+        raise InputError(f"device is {short(device)}, must be one of {', '.join(DEVICES)}; leave it at {DEVICES[0]}")
     if device != "cpu" and not torch.cuda.is_available():
-        raise InputError(f"device is {device!r}: there is no CUDA device; choose cpu")
+        raise InputError(f"device is {short(device)}: there is no CUDA device; choose cpu")

@@ -62,6 +62,6 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
 def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
     if clip.depth is not None:
         return points_from_depth(clip, pixels, valid, depth0)
-    axis = settings.scene.thickness_axis
-    normal = np.array(axis, float) / np.linalg.norm(axis) if axis is not None and clip.camera.pose_known else clip.camera.world_from_camera[:3, 2]
+    axis = settings.scene.thickness_unit
+    normal = np.array(axis) if axis is not None and clip.camera.pose_known else clip.camera.world_from_camera[:3, 2]
     return points_on_planes(clip.camera, pixels, valid, depth0, normal)

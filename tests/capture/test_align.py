@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -88,10 +89,19 @@ def test_positions_in_a_line_or_too_few_are_refused() -> None:
         onto_positions(structure_of(line), {"p0": line[0], "p1": line[1], "other": line[2]}, "at.txt")
 
 
-@pytest.mark.parametrize("text", ["a 1 2", "a 1 2 x"])
+def test_a_picture_that_stands_twice_is_refused_and_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "at.txt").write_text("a.png 1 2 3\n# none\nb.png 0 0 1\na.jpg 1 2 4\n")
+    with pytest.raises(InputError, match="line 4: 'a' stands twice"):
+        read_positions(tmp_path / "at.txt")
+    os.mkfifo(tmp_path / "pipe.txt")
+    with pytest.raises(InputError, match="is no regular file"):
+        read_positions(tmp_path / "pipe.txt")
+
+
+@pytest.mark.parametrize("text", ["a 1 2", "a 1 2 x", "a 1 2 3 4", "a 1 2 nan", "a 1 2 1e300", "a 1 2 3\nb"])
 def test_lines_that_are_no_positions_are_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "at.txt").write_text(text)
     with pytest.raises(InputError, match="x y z in metres"):
         read_positions(tmp_path / "at.txt")
-    with pytest.raises(InputError, match="readable text file"):
+    with pytest.raises(InputError, match="readable file"):
         read_positions(tmp_path / "none.txt")

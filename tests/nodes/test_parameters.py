@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+import yaml
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.parameter import Parameter
 
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
+from diffphys_ros.nodes.parameters import Own, existing
 from diffphys_ros.nodes.segment_node import SegmentNode
 
 
@@ -35,11 +38,37 @@ def test_values_are_taken_as_on_the_command_line(make_node):
         ("scene__mass_kg", "heavy", "must be a number in kg"),
         ("scene__gravity_m_s2", "[0.0, 1.0]", "needs 3"),
         ("config", "/nowhere.yaml", "/nowhere.yaml"),
+        ("config", "3", "config holds 3, must be a path or a list of paths"),
+        ("fit__device", "gpu", "must be auto, cpu or cuda:0"),
+        ("topics__image", '"a' + "x" * 5000 + '"', "must be text of at most 512 characters"),
+        ("scene__mass_kg", "1e-3x", "must be a number in kg, written like"),
     ],
 )
 def test_bad_parameters_end_the_node_with_a_sentence(make_node, name, value, words):
     with pytest.raises(InputError, match=words):
         make_node(SegmentNode, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("max_frames", -1, "must be a number above 0"),
+        ("max_frames", ".nan", "must be a number above 0"),
+        ("silence_s", "soon", "must be a number above 0"),
+        ("bag", "3", "bag is 3, must be text"),
+        ("bag", "x" * 5000, "there is no such file or folder"),
+        ("reliability", "perfect", "must be one of"),
+    ],
+)
+def test_a_nodes_own_parameters_are_checked_too(make_node, name, value, words):
+    node = make_node(SegmentNode)
+    default = {"max_frames": 1200, "silence_s": 2.0, "bag": "", "reliability": "best_effort"}[name]
+    own = Own(name, default, "as of ingest_node", ("best_effort", "reliable") if name == "reliability" else ())
+    node.parameters._own[name] = own
+    node.declare_parameter(name, yaml.safe_load(str(value)), ParameterDescriptor(dynamic_typing=True))
+    with pytest.raises(InputError, match=words) as caught:
+        existing(node.parameters[name])
+    assert len(str(caught.value)) < 400
 
 
 def test_parameters_win_over_files_and_later_files_over_earlier(make_node, tmp_path):

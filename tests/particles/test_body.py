@@ -94,6 +94,13 @@ def test_a_thickness_axis_that_the_camera_looks_past_is_refused(clip: Clip) -> N
         solid(clip, bar_settings(scene__thickness_axis=[1.0, 0.0, 0.0]))
 
 
+@pytest.mark.parametrize("length", [1e308, 1e-320, 1.7e308])
+def test_how_long_the_thickness_axis_is_does_not_matter(clip: Clip, length: float) -> None:
+    usual, other = (solid(clip, bar_settings(scene__thickness_axis=[0.0, size, 0.0])) for size in (1.0, length))
+    np.testing.assert_array_equal(other.world_from_body, usual.world_from_body)
+    assert bar_settings(scene__thickness_axis=[length, -length, length]).scene.thickness_unit == pytest.approx([3**-0.5, -(3**-0.5), 3**-0.5])
+
+
 def test_parts_lie_where_their_pixels_lie(clip: Clip) -> None:
     body = solid(clip, bar_settings())
     x = np.linspace(0.002, 0.238, 60)
@@ -105,6 +112,13 @@ def test_mass_fixes_density_and_says_so(clip: Clip) -> None:
     body = solid(clip, bar_settings())
     assert body.density * body.volume_m3 == pytest.approx(0.36)
     assert body.sources["density"] == "mass_kg over the filled volume"
+
+
+@pytest.mark.parametrize(("mass_kg", "density"), [(1e-6, "0.00"), (1e5, "1.")])
+def test_a_mass_that_no_solid_of_this_size_has_is_doubted_in_the_notes(clip: Clip, mass_kg: float, density: str) -> None:
+    said = solid(clip, bar_settings(scene__mass_kg=mass_kg)).sources["density"]
+    assert said.startswith("mass_kg over the filled volume, which makes " + density)
+    assert "kg/m^3 where solids have 1 .. 30000: check mass_kg" in said
 
 
 def test_densities_per_part_are_scaled_to_the_mass(clip: Clip) -> None:

@@ -53,6 +53,22 @@ def dripping(seconds: float, every_s: float = 0.1) -> Reply:
     return reply
 
 
+OK = b"HTTP/1.1 200 OK\r\n"
+CHUNKED = OK + b"Transfer-Encoding: chunked\r\n\r\n"
+
+
+def endless(head: bytes, more: bytes, every_s: float = 0.0) -> Reply:
+    """Bytes as they are, then others again and again for as long as somebody takes them."""
+
+    def reply(handler: BaseHTTPRequestHandler) -> None:
+        handler.connection.sendall(head)
+        while True:
+            handler.connection.sendall(more)
+            time.sleep(every_s)
+
+    return reply
+
+
 def hang_up(handler: BaseHTTPRequestHandler) -> None:
     handler.connection.close()
 

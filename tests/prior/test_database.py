@@ -41,3 +41,9 @@ def test_stiffness_orders_common_materials_as_everyone_knows_them() -> None:
 def test_the_entry_for_the_unknown_spans_most_soft_things() -> None:
     record = of_material(materials()[UNKNOWN])
     assert record.log10_young_sd > 0.7
+
+
+def test_a_name_like_no_other_is_answered_with_a_few_in_a_sentence() -> None:
+    with pytest.raises(InputError, match="choose one such as soft solid") as caught:
+        find("x" * 80, "prior.file " + "y" * 200)
+    assert len(str(caught.value)) < 600

@@ -1,19 +1,10 @@
-"""ONE tree of settings: default, type, unit, range and a line of doc. Feeds the CLI, YAML files, ROS parameters and the
-README's table; a name is written once, here, as a field."""
+"""ONE tree of settings: default, type, unit, range and a line of doc. A name is written once, here, as a field."""
 
 from __future__ import annotations
 
-import dataclasses
-import difflib
 import math
-import types
-import typing
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-
-from .errors import InputError
 
 
 def setting(
@@ -26,9 +17,11 @@ def setting(
     choices: tuple[str, ...] = (),
     length: int | None = None,
     path: bool = False,
+    pattern: str = "",
 ) -> Any:
-    """A field of the tree; `length` bounds lists, `path` marks a file relative to the YAML that names it."""
-    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "length": length, "path": path}
+    """A field of the tree; `length` bounds lists, `path` marks a file relative to the YAML that names it, `pattern` is a regular
+    expression of what `doc` says in words."""
+    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "length": length, "path": path, "pattern": pattern}
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata=meta)
     return field(default=default, metadata=meta)
@@ -45,11 +38,21 @@ class Scene:
     size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0; fixes the scale where neither depth nor clamp does", unit="m", low=1e-4, high=1e3)
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
-    clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", length=6)
-    floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m")
+    clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", low=-1e6, high=1e6, length=6)
+    floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m", low=-1e6, high=1e6)
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
+
+    @property
+    def thickness_unit(self) -> list[float] | None:
+        """thickness_axis at length 1, however long or short it was given; zeros where it has no direction."""
+        if self.thickness_axis is None:
+            return None
+        largest = max(map(abs, self.thickness_axis))
+        scaled = [value / largest if largest else 0.0 for value in self.thickness_axis]
+        length = math.hypot(*scaled) or 1.0
+        return [value / length for value in scaled]
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,7 @@ class Fit:
     depth_weight: float = setting(0.1, "weight of the depth term", low=0.0, high=1e3)
     image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
     checkpoint_every_s: float = setting(60.0, "time between checkpoints on disk", unit="s", low=0.1, high=1e5)
-    device: str = setting("auto", "auto, cpu or cuda:0")
+    device: str = setting("auto", "auto, cpu or cuda:0", pattern=r"auto|cpu|cuda(:\d{1,3})?")
     seed: int = setting(0, "seed of everything random", low=0, high=2**31 - 1)
 
 
@@ -231,173 +234,3 @@ class Settings:
     metrics: MetricSettings = field(default_factory=MetricSettings)
     playback: Playback = field(default_factory=Playback)
     publish: Publish = field(default_factory=Publish)
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """One setting: everything that a command line, a parameter description or a table needs."""
-
-    name: str  # dotted
-    kind: type  # bool, int, float or str: of the value, or of the elements of a list
-    is_list: bool
-    optional: bool  # whether null is allowed
-    default: Any
-    doc: str
-    unit: str
-    low: float | None
-    high: float | None
-    choices: tuple[str, ...]
-    length: int | None
-    path: bool
-
-    @property
-    def range_text(self) -> str:
-        """The allowed values in words."""
-        if self.choices:
-            return ", ".join(self.choices)
-        low, high = (("" if v is None else f"{v:g}") for v in (self.low, self.high))
-        return f"{low} .. {high}" if low or high else ""
-
-
-def leaves() -> dict[str, Leaf]:
-    """All settings by dotted name, in the order of the tree."""
-    found = {}
-    for group in dataclasses.fields(Settings):
-        cls = group.default_factory  # type: ignore[misc]
-        hints = typing.get_type_hints(cls)
-        for f in dataclasses.fields(cls):  # type: ignore[arg-type]
-            kind, is_list, optional = _kind(hints[f.name])
-            default = f.default if f.default is not dataclasses.MISSING else f.default_factory()  # type: ignore[misc,operator]
-            found[f"{group.name}.{f.name}"] = Leaf(
-                f"{group.name}.{f.name}", kind, is_list, optional, default, **{k: f.metadata[k] for k in f.metadata}
-            )
-    return found
-
-
-def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
-    """Settings from dotted names; checks every value. Raises InputError that names origin, setting and bound."""
-    known: dict[str, Leaf] = leaves()
-    groups: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        if name not in known:
-            raise InputError(f"{origin}: unknown setting {name!r}{_nearest(name, known)}")
-        group, key = name.split(".")
-        groups.setdefault(group, {})[key] = _checked(known[name], value, origin)
-    return Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore[operator]
-
-
-def flat(settings: Settings) -> dict[str, Any]:
-    """Dotted names and values of a tree; build(flat(s)) == s."""
-    return {f"{g}.{k}": v for g, group in dataclasses.asdict(settings).items() for k, v in group.items()}
-
-
-def flatten(tree: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """Dotted names of a nested mapping as a YAML file holds it."""
-    found: dict[str, Any] = {}
-    for group, entries in tree.items():
-        if not isinstance(entries, Mapping):
-            if "." in str(group):
-                found[str(group)] = entries
-                continue
-            raise InputError(f"{origin}: {group!r} must be a group of settings, such as 'scene:' with indented names below")
-        found |= {f"{group}.{key}": value for key, value in entries.items()}
-    return found
-
-
-def read_yaml(path: str | Path) -> dict[str, Any]:
-    """Dotted names and values of a YAML file; relative paths in it are relative to it."""
-    import yaml
-
-    path = Path(path)
-    try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except OSError as error:
-        raise InputError(f"config {path}: {error.strerror or error}; give the path of a readable YAML file") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"config {path}: not valid YAML ({' '.join(str(error).split())[:200]}); correct the file") from error
-    if not isinstance(tree, Mapping):
-        raise InputError(f"config {path}: must hold groups of settings, such as 'scene:' with indented names below")
-    known, values = leaves(), flatten(tree, f"config {path}")
-    for name, value in values.items():
-        if name in known and known[name].path and isinstance(value, str) and not Path(value).is_absolute():
-            values[name] = str((path.parent / value).resolve())
-    build(values, f"config {path}")
-    return values
-
-
-def layered(
-    configs: Iterable[str | Path] = (), flags: Mapping[str, Any] | None = None, *, base: Mapping[str, Any] | None = None
-) -> Settings:
-    """Settings from `base` (dotted names), then YAML files, later ones winning, then flags, which win over files."""
-    values: dict[str, Any] = dict(base or {})
-    for path in configs:
-        values |= read_yaml(path)
-    return build(values | dict(flags or {}), "command line" if flags else "settings")
-
-
-def parse_text(leaf: Leaf, text: str) -> Any:
-    """The value that a command-line word stands for (YAML notation: 0.8, true, null, '[0, 0, -9.81]')."""
-    import yaml
-
-    if leaf.kind is str and not leaf.is_list:
-        return None if text in ("null", "") and leaf.optional else text
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
-        return text
-
-
-def _kind(hint: Any) -> tuple[type, bool, bool]:
-    optional = isinstance(hint, types.UnionType) and type(None) in hint.__args__
-    if optional:
-        hint = next(a for a in hint.__args__ if a is not type(None))
-    if typing.get_origin(hint) is list:
-        return hint.__args__[0], True, optional
-    return hint, False, optional
-
-
-def _nearest(name: str, known: Mapping[str, Leaf]) -> str:
-    close = difflib.get_close_matches(name, known, 1, 0.4)
-    return f"; did you mean {close[0]!r}?" if close else "; the known groups are " + ", ".join(f.name for f in dataclasses.fields(Settings))
-
-
-def _checked(leaf: Leaf, value: Any, origin: str) -> Any:
-    if value is None or (leaf.optional and leaf.is_list and value == []):
-        if not leaf.optional:
-            raise InputError(f"{origin}: {leaf.name} must not be null; leave it out for its default {leaf.default}")
-        return None
-    if not leaf.is_list:
-        return _scalar(leaf, value, origin)
-    items = list(value) if isinstance(value, (list, tuple)) else [value]
-    if leaf.length and len(items) != leaf.length:
-        raise InputError(f"{origin}: {leaf.name} has {len(items)} numbers, needs {leaf.length}")
-    if not items:
-        raise InputError(f"{origin}: {leaf.name} is empty; give at least one number")
-    return [_scalar(leaf, item, origin) for item in items]
-
-
-def _scalar(leaf: Leaf, value: Any, origin: str) -> Any:
-    def wrong(need: str) -> InputError:
-        return InputError(f"{origin}: {leaf.name} is {value!r}, must be {need}")
-
-    if leaf.kind is str:
-        if not isinstance(value, str):
-            raise wrong("text")
-        if leaf.choices and value not in leaf.choices:
-            raise wrong("one of " + ", ".join(leaf.choices))
-        return value
-    if leaf.kind is bool:
-        if not isinstance(value, bool):
-            raise wrong("true or false")
-        return value
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise wrong("a number" + (f" in {leaf.unit}" if leaf.unit else ""))
-    if not math.isfinite(value):
-        raise wrong("finite")
-    if (leaf.low is not None and value < leaf.low) or (leaf.high is not None and value > leaf.high):
-        raise wrong(f"in {leaf.range_text}" + (f" {leaf.unit}" if leaf.unit else ""))
-    if leaf.kind is int:
-        if value != int(value):
-            raise wrong("a whole number")
-        return int(value)
-    return float(value)

@@ -1,0 +1,49 @@
+"""Dotted names and values -> the tree, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import InputError, short
+from .leaf import leaves
+from .tree import Fit, Scene, Settings
+
+WEIGHTS = ("fit.track_weight", "fit.image_weight", "fit.depth_weight")  # of everything that is seen
+
+
+def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
+    """Settings from dotted names; checks every value. Raises InputError that names origin, setting and bound."""
+    known, groups = leaves(), {}  # type: ignore[var-annotated]
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"{origin}: unknown setting {short(name)}{_nearest(str(name))}")
+        group, key = name.split(".")
+        groups.setdefault(group, {})[key] = known[name].checked(value, origin)
+    settings = Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore[operator]
+    _require_evidence(settings.fit, origin)
+    _require_direction(settings.scene, origin)
+    return settings
+
+
+def flat(settings: Settings) -> dict[str, Any]:
+    """Dotted names and values of a tree; build(flat(s)) == s."""
+    return {f"{g}.{k}": v for g, group in dataclasses.asdict(settings).items() for k, v in group.items()}
+
+
+def _require_evidence(fit: Fit, origin: str) -> None:
+    """With no term of the loss nothing would be fitted, and the start values would pass for an answer."""
+    if not any(getattr(fit, name.partition(".")[2]) for name in WEIGHTS):
+        raise InputError(f"{origin}: {', '.join(WEIGHTS)} are all 0, so that nothing would be fitted; give at least one of them a weight, such as 1")
+
+
+def _require_direction(scene: Scene, origin: str) -> None:
+    if scene.thickness_axis is not None and not any(scene.thickness_axis):
+        raise InputError(f"{origin}: scene.thickness_axis is {short(scene.thickness_axis)}, must have a direction; give a world axis such as [0, 1, 0]")
+
+
+def _nearest(name: str) -> str:
+    close = difflib.get_close_matches(name[:100], leaves(), 1, 0.4)
+    return f"; did you mean {close[0]!r}?" if close else "; the known groups are " + ", ".join(f.name for f in dataclasses.fields(Settings))
