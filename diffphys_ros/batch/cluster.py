@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from .pool import POLL_S, News, end
 from .process import PACKAGE_ROOT
 from .status import FAILED, RUNNING, Status, read_status
 
+LISTEN_LIMIT_S = 5.0  # for a cluster's door to open
 LISTEN_S = 0.5  # between two looks at what the tasks say
 
 
@@ -30,7 +32,7 @@ def run_on_ray(jobs: Sequence[Job], *, address: str, workers: int | None, on_gpu
     try:
         share = {"num_cpus": 1, "num_gpus": 1 / PER_GPU} if on_gpu and ray.cluster_resources().get("GPU") else {"num_cpus": 1}
         # attempts are counted in status.json: one more here, so that the last one says so
-        task = ray.remote(run_job).options(**share, max_retries=MAX_ATTEMPTS, max_calls=1)
+        task = ray.remote(**share, max_retries=MAX_ATTEMPTS)(run_job)
         yield from _watched(ray, task, list(jobs), workers or len(jobs))
     finally:
         ray.shutdown()
@@ -103,6 +105,9 @@ def _at_work(job: Job) -> bool:
 
 
 def _connected(address: str, workers: int | None) -> Any:
+    if ":" in address and "://" not in address:
+        _answers(address)
+    os.environ.setdefault("RAY_NUM_REDIS_GET_RETRIES", "1")  # of half a minute each; Ray's twenty are ten minutes without a word
     try:
         import ray
     except ImportError as error:
@@ -111,8 +116,21 @@ def _connected(address: str, workers: int | None) -> Any:
     options: dict[str, Any] = {"num_cpus": workers} if address == "local" and workers else {}
     try:
         ray.init(address=address, log_to_driver=False, include_dashboard=False if address == "local" else None, runtime_env={"env_vars": {"PYTHONPATH": path}}, **options)
-    except (ConnectionError, ValueError, RuntimeError, OSError) as error:
-        said = " ".join(str(error).split())[:160]
-        raise InputError(f"--address {address[:80]}: no Ray cluster answers there ({said}); start one with 'ray start --head', or give 'local'") from error
+    except (ConnectionError, ValueError, RuntimeError, OSError, ray.exceptions.RayError) as error:
+        raise _no_cluster(address, error) from error
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ray.init takes it for itself
     return ray
+
+
+def _answers(address: str) -> None:
+    """Raises InputError where nothing listens."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=LISTEN_LIMIT_S).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise _no_cluster(address, error) from error
+
+
+def _no_cluster(address: str, error: Exception) -> InputError:
+    said = " ".join(str(error).split())[:160]
+    return InputError(f"--address {address[:80]}: no Ray cluster answers there ({said}); start one with 'ray start --head', or give 'local'")
