@@ -53,7 +53,7 @@ def _recordings(word: Path, out: Path) -> Iterator[Path]:
     try:
         is_file, is_folder = word.is_file(), word.is_dir()
     except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
-        raise InputError(f"clip {str(word)[:80]!r}: {error}; give the path of a recording") from error
+        raise InputError(f"clip {str(word)[:80]!r}: {getattr(error, 'strerror', None) or error}; give the path of a recording") from error
     if not is_file and not is_folder:
         raise InputError(f"clip {str(word)[:200]}: no such file or folder; give recordings, or folders that hold some")
     if is_file or _is_bag(word):
