@@ -41,7 +41,8 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     net force over force-free frames / true peak; trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
     With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n. Raises InputError for unreadable files.
     """
-    recovery, truth = _read(recovery_npz, "recovery", _RECOVERY), _read(truth_npz, "truth", _TRUTH)
+    recovery: Arrays = _read(recovery_npz, "recovery", _RECOVERY)
+    truth: Arrays = _read(truth_npz, "truth", _TRUTH)
     if recovery["points"].ndim != 2 or not np.isfinite(recovery["points"]).all():
         raise InputError(f"recovery {recovery_npz}: points must be a finite (N, 3) array; recover the clip again")
     recovery, truth = _on_truth_frames(recovery, truth, recovery_npz)
