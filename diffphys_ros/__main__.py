@@ -1,4 +1,4 @@
-"""Command line: `diffphys recover | ingest | capture | simulate | score | settings`."""
+"""Command line: `diffphys recover | batch | ingest | capture | simulate | score | settings`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import Any
 from . import __version__, config
 from .errors import InputError, SimulationError, short, shown
 
-USAGE_ERROR, INTERRUPTED = 2, 130
+FAILED, USAGE_ERROR, INTERRUPTED = 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; returns the exit status: 0 done, 2 bad input, 130 interrupted."""
+    """Runs one command; returns the exit status: 0 done, 1 clips of a batch failed, 2 bad input, 130 interrupted."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch are imported: the tensors are small, threads cost more than they give
     options = argparse.Namespace(command="")
@@ -50,6 +50,8 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
             command.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
             command.add_argument("--side_by_side", type=int, default=1, metavar="N", help="runs that share this machine: each has N times the time")
 
+    _batch_command(commands)
+
     text = "pictures of the still object from all around in; cameras, sparse points, Gaussians and frame 0's depth out"
     capture = commands.add_parser("capture", help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
     capture.add_argument("images", type=Path, help="folder of images, video file, MCAP file or rosbag2 folder")
@@ -78,8 +80,21 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     options, rest = parser.parse_known_args(own)
     if (rest or settings) and not hasattr(options, "config"):
         raise InputError(f"command line: {short((rest or settings)[0])} is unknown here; see `diffphys {options.command} --help`")
-    options.flags = _flags(settings + rest)
+    options.words = settings + rest
+    options.flags = _flags(options.words)
     return options
+
+
+def _batch_command(commands: Any) -> None:
+    text = "many clips in, a folder of results each and a summary out"
+    command = commands.add_parser("batch", help=text, description=text + ". Settings are flags with dotted names: `diffphys settings` lists them.")
+    command.add_argument("clips", nargs="+", help="recordings, and folders that are searched for them; given.yaml beside one is its settings, truth.npz its known answer")
+    _common(command, _batch, "folder of the results: one folder a clip, summary.csv, summary.md")
+    command.add_argument("--workers", help="clips at a time; as many as cores, memory and GPUs carry where not given")
+    command.add_argument("--timeout_s", help="longest time for one clip [s]; twice its time budget where not given, and ten minutes at least")
+    command.add_argument("--shard", metavar="I/N", help="run every N-th clip from the I-th on; several machines share --out, or merge with --resume")
+    command.add_argument("--resume", action="store_true", help="keep what is done in --out, go on from checkpoints")
+    command.add_argument("--address", help="run on a Ray cluster: auto, HOST:PORT, or local")
 
 
 class _Once(argparse.Action):
@@ -174,6 +189,24 @@ def _recover(options: argparse.Namespace) -> int:
         print(f"{name}: {recovery.metrics[name]:.2f} dB")
     print(f"results in {options.out}")
     return 0
+
+
+def _batch(options: argparse.Namespace) -> int:
+    from .batch import Request, parse_shard, positive, run_batch
+
+    request = Request(
+        clips=tuple(options.clips),
+        out=options.out,
+        configs=tuple(options.config),
+        flags=options.flags,
+        words=tuple(options.words),
+        workers=positive("workers", options.workers, int),
+        timeout_s=positive("timeout_s", options.timeout_s, float),
+        shard=parse_shard(options.shard),
+        resume=options.resume,
+        address=options.address,
+    )
+    return FAILED if run_batch(request) else 0
 
 
 def _ingest(options: argparse.Namespace) -> int:

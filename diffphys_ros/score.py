@@ -2,7 +2,8 @@
 
 A truth is an .npz of a finite-element scene with V vertices and T frames: rest_vertices (V, 3), positions (T, V, 3) [m, world],
 part_E (n,) and vertex_E (V,) [Pa], vertex_part (V,) 0..n-1, interface (V,) bool (vertices shared by parts), vertex_volume (V,)
-[m^3], clamped (V,) bool, force_density (T, V, 3) [N/m^3].
+[m^3], clamped (V,) bool, force_density (T, V, 3) [N/m^3]; where they are there, stamps_ns (T,) and time (T,) [s] or fps [Hz]
+place its frames beside those of a clip that lost some.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree
 
 from . import result, store
@@ -22,6 +24,9 @@ FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy 
 NEIGHBOURS = 4  # of the inverse-distance interpolation between points and truth vertices
 
 _TRUTH = ("rest_vertices", "positions", "part_E", "vertex_E", "vertex_part", "interface", "vertex_volume", "clamped", "force_density")
+_TIMES = ("stamps_ns", "time", "fps", "period_s")  # read where they are there
+SAME_FRAME = 0.1  # of a frame: what two clocks may differ by, from jitter of the stamps and the period that is estimated from them
+
 _RECOVERY = ("points", "young", "force", "trajectory")
 
 Arrays = Mapping[str, np.ndarray]
@@ -36,9 +41,11 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     net force over force-free frames / true peak; trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
     With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n. Raises InputError for unreadable files.
     """
-    recovery, truth = _read(recovery_npz, "recovery", _RECOVERY), _read(truth_npz, "truth", _TRUTH)
+    recovery: Arrays = _read(recovery_npz, "recovery", _RECOVERY)
+    truth: Arrays = _read(truth_npz, "truth", _TRUTH)
     if recovery["points"].ndim != 2 or not np.isfinite(recovery["points"]).all():
         raise InputError(f"recovery {recovery_npz}: points must be a finite (N, 3) array; recover the clip again")
+    recovery, truth = _on_truth_frames(recovery, truth, recovery_npz)
     vertices, nearest = _match(truth, recovery["points"])
     return {
         **_score_young(truth, nearest, recovery["young"]),
@@ -69,7 +76,62 @@ def _read(path: str | Path, what: str, needed: tuple[str, ...]) -> dict[str, np.
     missing = [name for name in needed if name not in arrays]
     if missing:
         raise InputError(f"{what} {path}: misses {', '.join(missing)}; give a {what}.npz that holds {', '.join(needed)}")
-    return {name: arrays[name] for name in needed}
+    return {name: arrays[name] for name in (*needed, *_TIMES) if name in arrays}
+
+
+def _on_truth_frames(recovery: Arrays, truth: Arrays, source: str | Path) -> tuple[Arrays, Arrays]:
+    """Both over the frames of the truth that the clip lasts: motion interpolated, force averaged over what it acts for.
+
+    A clip may have lost frames at its ends, or every other one, which its clock takes for a longer period.
+    """
+    at, length = _frames_of_clip(recovery, truth), len(recovery["trajectory"])
+    if np.array_equal(at, np.arange(len(at))):
+        return recovery, truth
+    inside = (at >= 0) & (at <= length - 1)
+    if inside.sum() < 2 or length < 2:
+        raise InputError(f"recovery {source}: lasts {inside.sum()} frames of the truth, at least 2 are compared; give the truth of this clip")
+    ratio, at = float(np.median(np.diff(at))), at[inside]
+    force = recovery["force"].astype(float)
+    # cubic: on the straight line between two of every other frame a swing would lose 5 % of its size
+    path = make_interp_spline(np.arange(length), recovery["trajectory"].astype(float), k=min(3, length - 1))
+    resampled = {
+        "trajectory": path(at),
+        "force": np.stack([_mean_between(force, start, min(start + ratio, len(force))) for start in at]),
+    }
+    return {**recovery, **resampled}, {**truth, **{name: truth[name][inside] for name in ("positions", "force_density")}}
+
+
+def _frames_of_clip(recovery: Arrays, truth: Arrays) -> np.ndarray:
+    """Number, with a fraction, of each of the truth's frames (T,) among those of the clip."""
+    count = len(truth["positions"])
+    if "stamps_ns" in truth:
+        seconds = (truth["stamps_ns"] - truth["stamps_ns"][0]) * 1e-9
+    elif "time" in truth:
+        seconds = truth["time"] - truth["time"][0]
+    else:
+        seconds = np.arange(count) / float(truth["fps"]) if "fps" in truth else np.zeros(0)
+    if "period_s" not in recovery or len(seconds) != count or count < 2 or not (np.diff(seconds) > 0).all():
+        return np.arange(count)
+    seconds = seconds - seconds[_first_frame(recovery, truth)]
+    at = seconds / float(recovery["period_s"])
+    whole = np.rint(at)
+    return np.where(np.abs(at - whole) < SAME_FRAME, whole, at)
+
+
+def _first_frame(recovery: Arrays, truth: Arrays) -> int:
+    """The truth's frame in which the clip begins: the first, unless stamps of one clock say another."""
+    if "stamps_ns" not in truth or "stamps_ns" not in recovery or not len(recovery["stamps_ns"]):
+        return 0
+    away = np.abs(truth["stamps_ns"].astype(np.int64) - int(recovery["stamps_ns"][0])) * 1e-9
+    nearest = int(away.argmin())
+    return nearest if away[nearest] <= float(recovery["period_s"]) / 2 else 0
+
+
+def _mean_between(force: np.ndarray, start: float, end: float) -> np.ndarray:
+    """Mean over [start, end] in frames of a force (T, N, 3) that stays as it is from each frame to the next."""
+    frames = np.arange(int(start), min(int(np.ceil(end)), len(force)))
+    weight = np.minimum(frames + 1, end) - np.maximum(frames, start)
+    return np.tensordot(weight / weight.sum(), force[frames], 1)
 
 
 def _match(truth: Arrays, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

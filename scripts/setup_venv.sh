@@ -90,7 +90,7 @@ main() {
     echo "setup: installing pinned dependencies (a minute or two)"
     : >"$log"
     install_torch
-    install --editable '.[ros,rerun,models,capture,dev]'
+    install --editable '.[ros,rerun,models,capture,ray,dev]'
     refuse_cuda_wheels
     fingerprint >"$stamp"
     echo "setup: done"

@@ -38,9 +38,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "result": GROUND | STAGES | LEAVES | {"store", "recover", "report"},
     "report": GROUND,
     "score": GROUND | {"store", "result"},
+    "batch": GROUND | {"store", "result", "score"},
     "resimulate": GROUND | {"simulate", "modes", "result"},
     "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
-    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture", "resimulate"},
+    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture", "resimulate", "batch"},
     "__init__": GROUND,
 }
 
@@ -57,6 +58,7 @@ DOORS: dict[str, set[str]] = {
     "matplotlib": {"report/figure.py"},
     "transformers": {"pretrained.py"},
     "pycolmap": {"capture/structure.py"},
+    "ray": {"batch/cluster.py"},
     "mujoco": {"bags/maker"},
 }
 

@@ -14,6 +14,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.score import score, score_folder
 
 FRAMES = 20
+START_NS = 1_750_000_000_000_000_000
 Arrays = dict[str, np.ndarray]
 
 
@@ -119,6 +120,45 @@ def test_scoring_a_folder_adds_to_its_metrics(tmp_path: Path, truth: Arrays) -> 
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["psnr_masked"] == 30.5
     assert metrics["net_force_cosine"] == pytest.approx(1)
+
+
+def with_clock(truth: Arrays) -> Arrays:
+    """The truth with stamps at 30 Hz."""
+    return truth | {"stamps_ns": START_NS + np.rint(np.arange(FRAMES) * 1e9 / 30).astype(np.int64), "time": np.arange(FRAMES) / 30, "fps": np.array(30)}
+
+
+def seen_in(truth: Arrays, frames: slice, *, jitter_s: float = 0.0) -> Arrays:
+    """What a perfect recovery of a clip with these frames of the truth alone holds."""
+    step = frames.step or 1
+    stamps = truth["stamps_ns"][frames][0] + np.rint((np.arange(len(truth["stamps_ns"][frames])) * step / 30 + jitter_s) * 1e9).astype(np.int64)
+    whole = exact(truth)
+    force = np.stack([whole["force"][k : k + step].mean(0) for k in range(FRAMES)[frames]])
+    return whole | {"trajectory": whole["trajectory"][frames], "force": force, "period_s": np.array(step / 30), "stamps_ns": stamps}
+
+
+@pytest.mark.parametrize(
+    ("frames", "jitter_s"),
+    [(slice(0, FRAMES), 0.003), (slice(4, FRAMES), 0.0), (slice(2, 15), -0.004), (slice(0, FRAMES, 2), 0.0), (slice(1, FRAMES, 2), 0.003)],
+    ids=["jitter", "first frames lost", "both ends lost", "every other lost", "first and every other lost"],
+)
+def test_a_clip_that_lost_frames_is_put_back_on_the_truths_stamps(tmp_path: Path, truth: Arrays, frames: slice, jitter_s: float) -> None:
+    truth = with_clock(truth)
+    found = scored(tmp_path, truth, seen_in(truth, frames, jitter_s=jitter_s))
+    assert found["net_force_cosine"] == pytest.approx(1)
+    assert found["force_peak_n"] == pytest.approx(found["force_peak_true_n"])
+    assert found["trajectory_rmse_over_rms_motion"] == pytest.approx(0, abs=1e-6 if frames.step is None else 0.01)
+
+
+def test_a_clip_of_another_clock_begins_with_the_truth(tmp_path: Path, truth: Arrays) -> None:
+    truth = with_clock(truth)
+    recovery = seen_in(truth, slice(0, 12)) | {"stamps_ns": np.arange(12)}
+    assert scored(tmp_path, truth, recovery)["trajectory_rmse_over_rms_motion"] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_truth_that_shares_no_time_with_the_clip_is_refused(tmp_path: Path, truth: Arrays) -> None:
+    truth = with_clock(truth)
+    with pytest.raises(InputError, match="lasts 1 frames of the truth"):
+        scored(tmp_path, truth, seen_in(truth, slice(0, 10)) | {"period_s": np.array(1e-5), "stamps_ns": truth["stamps_ns"][:10]})
 
 
 @pytest.mark.parametrize("scene", ["beam_gust", "beam_two_part", "plant_poke"])

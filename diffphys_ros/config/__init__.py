@@ -4,6 +4,7 @@ from .files import flatten, layered, parse_text, read_text, read_yaml
 from .leaf import BROKEN, Leaf, leaves
 from .plain_yaml import loaded
 from .tree import (
+    TIME_BUDGET_S,
     CameraSettings,
     CaptureSettings,
     DepthSettings,
@@ -25,6 +26,7 @@ from .values import build, flat
 
 __all__ = [
     "BROKEN",
+    "TIME_BUDGET_S",
     "CameraSettings",
     "CaptureSettings",
     "DepthSettings",

@@ -166,6 +166,9 @@ class SplatSettings:
     view_iterations: int = setting(2000, "steps of a fit to many views of a still scene", low=1, high=100_000)
 
 
+TIME_BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
+
+
 @dataclass(frozen=True)
 class Fit:
     """The inverse solver."""

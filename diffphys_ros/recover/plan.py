@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ..config import ParticleSettings, Settings
+from ..config import TIME_BUDGET_S, ParticleSettings, Settings
 from ..errors import InputError
 from ..particles import spacing_of_nodes
 from ..simulate import substeps_per_frame
@@ -29,8 +29,7 @@ ENOUGH = 4  # cells that bend as truly as more (docs/accuracy.md) and twist with
 QUICK_S = 30.0  # a fit on more cells than that must not take longer
 WANTED_ITERATIONS, MOST_ITERATIONS, LEAST_ITERATIONS = 8, 16, 3
 STEPS_PER_ITERATION = 1.15  # forward runs of rejected steps included
-BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
-FIT_SHARE = 0.6  # of it for search and training; the rest is for what comes before and after
+FIT_SHARE = 0.6  # of the time budget for search and training; the rest is for what comes before and after
 SEARCH_SHARE = 0.4  # of that, where fields are trained after the search
 FORWARD_SHARE = 0.35  # of forward + backward that forward alone takes
 STATE_BYTES, FORCE_BYTES = 96, 12  # of a particle
@@ -154,7 +153,7 @@ def _memory(device: str) -> float:
 
 def time_budget_s(settings: Settings, device: str) -> float:
     """What a whole clip may take [s], from reading to files."""
-    return settings.fit.time_budget_s or BUDGET_S[_kind(device)]
+    return settings.fit.time_budget_s or TIME_BUDGET_S[_kind(device)]
 
 
 def search_budget_s(settings: Settings, device: str) -> float:

@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from diffphys_ros.config import build
+from diffphys_ros.config import TIME_BUDGET_S, build
 from diffphys_ros.errors import InputError
 from diffphys_ros.particles import fill, fit_grid
-from diffphys_ros.recover.plan import BUDGET_S, FIT_SHARE, QUICK_S, make_plan
+from diffphys_ros.recover.plan import FIT_SHARE, QUICK_S, make_plan
 
 from .conftest import YOUNG, make_body
 
@@ -27,8 +27,8 @@ def test_more_time_buys_a_finer_grid_and_the_expected_time_keeps_its_share_of_th
 
 @pytest.mark.parametrize("device", ["cpu", "cuda:0"])
 def test_without_a_budget_a_clip_has_two_minutes_on_a_gpu_and_a_quarter_of_an_hour_on_a_cpu(device):
-    assert plan(device=device) == plan(device=device, **{"fit.time_budget_s": BUDGET_S[device[:4].rstrip(":")]})
-    assert BUDGET_S == {"cpu": 900.0, "cuda": 120.0}
+    assert plan(device=device) == plan(device=device, **{"fit.time_budget_s": TIME_BUDGET_S[device[:4].rstrip(":")]})
+    assert TIME_BUDGET_S == {"cpu": 900.0, "cuda": 120.0}
 
 
 def test_what_is_simulated_before_the_search_is_planned_for():

@@ -72,7 +72,7 @@ def test_a_cpu_torch_that_pip_finds_is_installed_without_asking_another_index(tm
     torch, package = pip.installs()
     assert torch.endswith("+cpu")
     assert CPU_INDEX not in torch
-    assert package.endswith("--editable .[ros,rerun,models,capture,dev]")
+    assert package.endswith("--editable .[ros,rerun,models,capture,ray,dev]")
 
 
 @on_a_cpu
