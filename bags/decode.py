@@ -83,6 +83,19 @@ def decode_compressed(format: str, data: bytes | np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(picture[..., 2::-1])
 
 
+def declared_size(format: str, data: bytes | np.ndarray) -> tuple[int, int]:
+    """Width and height [px] that a compressed picture declares; decodes nothing. Raises InputError where it is no PNG or JPEG, or too large."""
+    raw = bytes(data)
+    size = _png_size(raw) if raw.startswith(PNG_MAGIC) else _jpeg_size(raw) if raw.startswith(JPEG_MAGIC) else None
+    if size is None or not size[0] * size[1]:
+        raise InputError(_no_picture(format))
+    if size[0] * size[1] > MAX_PIXELS:
+        raise InputError(
+            f"compressed image with format {short(format)} has {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record it smaller"
+        )
+    return size
+
+
 def metres(depth: np.ndarray) -> np.ndarray:
     """Depth [m] as float32, 0 where unknown, of 16-bit millimetres or of metres with NaN or infinity where unknown."""
     if depth.dtype.kind == "u":
@@ -92,20 +105,18 @@ def metres(depth: np.ndarray) -> np.ndarray:
 
 
 def _picture(format: str, raw: bytes) -> np.ndarray:
-    size = _png_size(raw) if raw.startswith(PNG_MAGIC) else _jpeg_size(raw) if raw.startswith(JPEG_MAGIC) else None
-    if size is not None and size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"compressed image with format {short(format)} has {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record it smaller")
-    picture = _decoded(raw) if size is not None else None
+    declared_size(format, raw)
+    try:
+        picture = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        picture = None
     if picture is None:
-        raise InputError(f"compressed image with format {short(format)} cannot be decoded; png and jpeg can, record it so")
+        raise InputError(_no_picture(format))
     return picture
 
 
-def _decoded(raw: bytes) -> np.ndarray | None:
-    try:
-        return cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
+def _no_picture(format: str) -> str:
+    return f"compressed image with format {short(format)} cannot be decoded; png and jpeg can, record it so"
 
 
 def _png_size(raw: bytes) -> tuple[int, int] | None:

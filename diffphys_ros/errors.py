@@ -1,22 +1,12 @@
-"""Errors that a user can act on."""
+"""Errors that a user can act on, and how a message shows what was given."""
 
 from __future__ import annotations
 
 import reprlib
 from typing import Any
 
-MAX_SHOWN = 80  # characters of a value in a sentence
-
-
-def short(value: Any) -> str:
-    """A value as a sentence quotes it: its repr, with the middle left out where it is longer than MAX_SHOWN."""
-    shown = _SHORT.repr(value)
-    half = (MAX_SHOWN - 3) // 2
-    return shown if len(shown) <= MAX_SHOWN else f"{shown[:half]}...{shown[-half:]}"
-
-
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = MAX_SHOWN
+SHORT = 80  # characters of a value in a message
+LONGEST_PATH = 200  # characters of a path in a message
 
 
 class InputError(ValueError):
@@ -28,3 +18,27 @@ class InputError(ValueError):
 
 class SimulationError(RuntimeError):
     """The simulation left its bounds. The message names frame, substep and particle, and what to lower."""
+
+
+class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, SHORT, SHORT
+
+    def repr_int(self, x: int, level: int) -> str:
+        bits = x.bit_length()  # repr of thousands of digits takes quadratic time, or is refused
+        return repr(x) if bits < 200 else f"a whole number of {bits * 3 // 10} digits"
+
+
+def short(value: Any) -> str:
+    """A value for a message: its repr on one line, cut to about 80 characters, however large or deep it is."""
+    text = " ".join(_Short().repr(value).split())
+    return text if len(text) <= SHORT else text[: SHORT - 2] + ".."
+
+
+def shown(path: Any) -> str:
+    """A path or a text of somebody else's for a message: on one line, what cannot be printed escaped, cut in the middle to 200 characters."""
+    text = str(path)
+    if len(text) > LONGEST_PATH:
+        text = f"{text[: LONGEST_PATH // 2]}..{text[-LONGEST_PATH // 2 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

@@ -57,7 +57,7 @@ class StageNode(Node):
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """As rclpy's, under the net."""
-        return super().create_timer(timer_period_sec, self.net.around(callback, callback.__name__.strip("_")), *arguments, **options)
+        return super().create_timer(timer_period_sec, self.net.around(callback, getattr(callback, "__name__", "timer").strip("_")), *arguments, **options)
 
     def close(self) -> None:
         """Stop the work; called once before the node is destroyed."""
@@ -94,6 +94,9 @@ class StageNode(Node):
     def on_failed(self, reason: str) -> None:
         """The worker stopped for a reason, one sentence."""
 
+    def on_idle(self) -> None:
+        """The worker ended, for whatever reason, and the node has answered to that."""
+
     def waiting_for(self) -> str:
         """The topic that is waited for; empty where nothing is."""
         return ""
@@ -119,6 +122,8 @@ class StageNode(Node):
         else:
             self.state = event.kind
             self.on_failed(self._reason(event))
+        if event.kind != NEWS:
+            self.on_idle()
 
     def _reason(self, event: Event) -> str:
         if event.kind == CANCELLED:

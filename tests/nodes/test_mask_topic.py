@@ -13,8 +13,8 @@ from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.msg_schemas import TOPICS, messages
-from diffphys_ros.nodes.clip_stage import CLIP, MASK
-from diffphys_ros.nodes.clip_topics import ClipBuffer
+from diffphys_ros.nodes.clip_buffer import MASK, ClipBuffer
+from diffphys_ros.nodes.clip_stage import CLIP
 from diffphys_ros.nodes.convert import message_class
 from diffphys_ros.nodes.qos import profile
 from diffphys_ros.segment import label_clip
