@@ -126,7 +126,7 @@ class IngestNode(StageNode):
             (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
 
     def _on_info(self, message: Any) -> None:
-        self.intake.take_info(message, fov_known=self.parameters.settings().camera.fov_deg is not None)
+        self.intake.take_info(message, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
 
     def _on_tree(self, tree: Any) -> None:
         for link in tree.transforms:

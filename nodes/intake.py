@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -88,14 +89,14 @@ class Intake:
             self.masks = [min(self.masks, key=lambda m: abs(stamp_ns(m) - stamp_ns(self.images[0][1])))]
         self.masks = self._within(self.masks)
 
-    def take_info(self, message: Any, *, fov_known: bool) -> None:
+    def take_info(self, message: Any, *, fov_known: Callable[[], bool]) -> None:
         """A camera_info; one without focal length is of use where the field of view is known."""
         size = (message.width, message.height)
         if size in self.infos and _calibration(self.infos[size]) == _calibration(message):
             return
         if size[0] * size[1] > MAX_PIXELS:
             raise InputError(f"topic camera_info: is for {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record smaller images")
-        if not (fov_known and message.k[0] == 0):
+        if not (message.k[0] == 0 and fov_known()):
             try:
                 camera_from_info(message.k, message.d, *size, message.header.frame_id)
                 undistorter(message.k, message.d, message.distortion_model, *(size if all(size) else (1, 1)))

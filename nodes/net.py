@@ -22,7 +22,8 @@ class Net:
     """
 
     def __init__(self, logger: Callable[[], Any]) -> None:
-        self.refused, self.faults, self.last = 0, 0, ""  # bad inputs, errors of the program, and what the latest one said
+        self.refused, self.faults = 0, 0  # bad inputs and errors of the program
+        self.last, self.last_fault = "", ""  # what the latest error said, and the latest one of the program
         self._logger = logger
         self._said: dict[str, tuple[float, int]] = {}  # place: when it was last heard of, and how much was left unsaid since
         self._refused_at = -float("inf")
@@ -68,7 +69,7 @@ class Net:
             self.refused, self._refused_at = self.refused + 1, time.monotonic()
             self._log(place, self.last)
         else:
-            self.faults += 1
+            self.faults, self.last_fault = self.faults + 1, self.last
             self._log(place, f"{self.last}\n{''.join(traceback.format_exception(error))}")
         return sentence
 
@@ -87,6 +88,7 @@ def foreseen(error: Exception) -> bool:
 
 
 def sentence_of(error: Exception) -> str:
-    """One sentence for people, of at most MAX_WORDS characters."""
+    """One printable line for people, of at most MAX_WORDS characters."""
     text = str(error) if foreseen(error) else f"error of the program: {type(error).__name__}: {error}"
+    text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     return text if len(text) <= MAX_WORDS else text[: MAX_WORDS - 3] + "..."

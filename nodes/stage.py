@@ -144,7 +144,7 @@ class StageNode(Node):
             "input_age_s": age,
             "refused": self.net.refused,
             "faults": self.net.faults,
-            "last_error": self.net.last,
+            "last_error": self.net.last_fault or self.net.last,
             **self.health(),
             "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..types import Splats
 
 FIELDS = (
@@ -27,7 +27,6 @@ SCALES_M = 1e-18, 1e6  # of Gaussians that are read: their squares are normal fl
 MAX_EXPONENT = 700.0  # of e, which overflows a little above
 MAX_PLACE_M = 1e6  # of a coordinate that is read
 MAX_FILE_BYTES = 2**31
-MAX_PATH = 300  # characters of a path in a sentence
 MAX_PROPERTIES = 256  # of a vertex that is read; 3DGS with all harmonics has 62
 UNIT_TOLERANCE = 1e-6  # quaternions nearer to unit norm are kept as they are, so that reading twice changes nothing
 
@@ -57,7 +56,8 @@ def from_raw(raw: np.ndarray) -> Splats:
     """
     if raw.ndim != 2 or raw.shape[1] != len(FIELDS) or not len(raw):
         raise InputError(f"splats: array of shape {raw.shape} must be (G, {len(FIELDS)}) with the fields {' '.join(FIELDS)} and G > 0")
-    values = raw.astype(float)
+    with np.errstate(invalid="ignore"):  # of a signalling NaN
+        values = raw.astype(float)
     norm = np.linalg.norm(values[:, _ROTATION], axis=1, keepdims=True)
     wrong = ~(np.isfinite(values).all(1) & (norm[:, 0] > 0))
     if wrong.any():
@@ -100,7 +100,7 @@ def write(path: str | Path, splats: Splats) -> None:
         os.replace(part, path)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise InputError(f"splats {path}: cannot be written ({error.strerror or error}); name a file in a writable folder") from error
+        raise InputError(f"splats {shown(path)}: cannot be written ({error.strerror or error}); name a file in a writable folder") from error
 
 
 def read(path: str | Path) -> Splats:
@@ -111,7 +111,7 @@ def read(path: str | Path) -> Splats:
     count, layout, start = _header(path, data)
     there = (len(data) - start) // layout.itemsize
     if there < count:
-        raise InputError(f"splats {path}: ends after {there} of {count} Gaussians; copy the file again")
+        raise InputError(f"splats {shown(path)}: ends after {there} of {count} Gaussians; copy the file again")
     rows = np.frombuffer(data, layout, offset=start, count=count) if count else np.zeros(0, layout)
     raw = np.zeros((count, len(FIELDS)), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # of doubles; what is not finite is refused below
@@ -121,21 +121,21 @@ def read(path: str | Path) -> Splats:
     try:
         return from_raw(raw)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{shown(path)}: {error}") from error
 
 
 def _bytes_of(path: Path) -> bytes:
     try:
         if path.exists() and not path.is_file():
-            raise InputError(f"splats {path}: is no regular file; give the path of a .ply file")
+            raise InputError(f"splats {shown(path)}: is no regular file; give the path of a .ply file")
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"splats {path}: has over {MAX_FILE_BYTES // 2**20} MiB; export fewer Gaussians")
+            raise InputError(f"splats {shown(path)}: has over {MAX_FILE_BYTES // 2**20} MiB; export fewer Gaussians")
         return path.read_bytes()
     except InputError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"splats {str(path)[-MAX_PATH:]}: {reason}; give the path of a readable .ply file") from error
+        raise InputError(f"splats {shown(path)}: {reason}; give the path of a readable .ply file") from error
 
 
 def _header(path: Path, data: bytes) -> tuple[int, np.dtype, int]:
@@ -143,15 +143,15 @@ def _header(path: Path, data: bytes) -> tuple[int, np.dtype, int]:
     head, end, _ = data.partition(b"end_header\n")
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()] if end else []
     if lines[:1] != [["ply"]] or ["format", "binary_little_endian", "1.0"] not in lines:
-        raise InputError(f"splats {path}: is no binary little-endian .ply; export it as one")
+        raise InputError(f"splats {shown(path)}: is no binary little-endian .ply; export it as one")
     elements = [line for line in lines if line[:1] == ["element"]]
     properties = [line for line in lines if line[:1] == ["property"]]
     if len(elements) != 1 or not re.fullmatch("element vertex [0-9]{1,10}", " ".join(elements[0])):
-        raise InputError(f"splats {path}: must hold one element, the vertices, and their number; export Gaussians, not a mesh")
+        raise InputError(f"splats {shown(path)}: must hold one element, the vertices, and their number; export Gaussians, not a mesh")
     names = [line[-1] for line in properties]
     missing = [name for name in FIELDS if name not in names and name not in ("nx", "ny", "nz")]
     if missing or any(len(line) != 3 or line[1] not in _TYPES for line in properties):
-        raise InputError(f"splats {path}: has no {' '.join(missing) or 'plain scalar properties'}; export Gaussians in the 3DGS layout")
+        raise InputError(f"splats {shown(path)}: has no {' '.join(missing) or 'plain scalar properties'}; export Gaussians in the 3DGS layout")
     if len(set(names)) < len(names) or len(names) > MAX_PROPERTIES:
-        raise InputError(f"splats {path}: has a property twice or more than {MAX_PROPERTIES}; export Gaussians in the 3DGS layout")
+        raise InputError(f"splats {shown(path)}: has a property twice or more than {MAX_PROPERTIES}; export Gaussians in the 3DGS layout")
     return int(elements[0][2]), np.dtype([(line[2], "<" + _TYPES[line[1]]) for line in properties]), len(head) + len(end)
