@@ -21,6 +21,7 @@ MATERIAL = {
     "log10_young_sd": "", "intensity": "log10 Pa", "id": "#", "part": "#",
 }  # fmt: skip
 FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "id": "#"}
+FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
 STATE = {"x": "m", "y": "m", "z": "m", "id": "#", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "log10 Pa"}
 
 
@@ -108,6 +109,15 @@ def _listed(cloud: Any) -> list[Any]:
 
 def _get(message: Any, name: str) -> Any:
     return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
+
+
+def particles(cloud: Any, layout: Mapping[str, str]) -> np.ndarray:
+    """Structured array (height, width) of a PointCloud2 of a layout. Raises InputError as `unpack`, and where a field of FINITE is not finite."""
+    rows = unpack(cloud, layout)
+    wrong = next((name for name in layout if name in FINITE and not np.isfinite(rows[name]).all()), None)
+    if wrong:
+        raise InputError(f"point cloud: field {wrong!r} holds a number that is not finite; publish particles that have a place, a size and a force")
+    return rows
 
 
 def xyz(points: np.ndarray, prefix: str = "") -> np.ndarray:

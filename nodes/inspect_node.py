@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,8 +105,7 @@ class InspectNode(StageNode):
         from diffphys_ros.report.colours import stiffness_colours
         from diffphys_ros.report.rerun_log import point_radius
 
-        points = clouds.unpack(message, clouds.MATERIAL)[0]
-        _check_finite("~/material_field", points, ("x", "y", "z", "volume"))
+        points = clouds.particles(message, clouds.MATERIAL).ravel()
         if not (np.abs(points["intensity"]) <= MAX_LOG10_PA).all():
             raise InputError(f"topic ~/material_field: intensity must be log10 of a modulus within {MAX_LOG10_PA:g} of 0; publish the modulus that was used")
         self.colours, self.radius_m = stiffness_colours(10.0 ** points["intensity"].astype(float)), point_radius(points["volume"])
@@ -116,8 +114,7 @@ class InspectNode(StageNode):
     def _show_force_field(self, message: Any) -> None:
         from diffphys_ros.report.rerun_log import force_arrows
 
-        rows, start = clouds.unpack(message, clouds.FORCE), stamp_ns(message)
-        _check_finite("~/force_field", rows, ("x", "y", "z", "t", "fx", "fy", "fz", "volume"))
+        rows, start = clouds.particles(message, clouds.FORCE), stamp_ns(message)
         if len(rows) > MAX_FRAMES or np.abs(rows["t"]).max() > MAX_S:
             raise InputError(f"topic ~/force_field: {len(rows)} frames, must be at most {MAX_FRAMES} within {MAX_S:g} s; publish one row per frame")
         where, force = clouds.xyz(rows), clouds.xyz(rows, "f")
@@ -140,9 +137,3 @@ class InspectNode(StageNode):
         for status in message.status:
             said = ", ".join(f"{key} {value}" for key, value in messages.values_of(status).items() if value)
             self.stream.log_text(f"{status.name}: {status.message} ({said})")
-
-
-def _check_finite(topic: str, rows: np.ndarray, names: Sequence[str]) -> None:
-    wrong = next((name for name in names if not np.isfinite(rows[name]).all()), None)
-    if wrong:
-        raise InputError(f"topic {topic}: field {wrong} holds a number that is not finite; publish particles that have a place and a size")

@@ -60,8 +60,8 @@ class Listener:
 
     def _take(self, topic: str, message: Any) -> None:
         if topic in LAYOUTS:
-            rows = clouds.unpack(message, LAYOUTS[topic])
-            content = rows[0] if topic == "~/material_field" else rows
+            rows = clouds.particles(message, LAYOUTS[topic])
+            content = rows.ravel() if topic == "~/material_field" else rows
         else:
             content = message
         first = topic not in self.received
