@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,9 @@ import numpy as np
 import rclpy
 from std_srvs.srv import Trigger
 
-from diffphys_ros.bags.decode import CHANNELS, DEPTH
 from diffphys_ros.msg_schemas import TOPICS, clouds, fields, messages
-from diffphys_ros.nodes.clip_buffer import MASK, SOURCE
 from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
-from diffphys_ros.nodes.convert import message_class, to_ros
+from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.fit_node import FitNode
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.inspect_node import InspectNode

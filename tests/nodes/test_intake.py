@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -108,11 +110,9 @@ def test_bad_images_among_good_ones_cost_themselves_alone(made_clip) -> None:
 
 def test_an_unusable_camera_info_does_not_take_the_place_of_a_good_one(made_clip) -> None:
     intake = Intake(1200, 64 * MIB)
-    for changes in ({"k": np.zeros(9)}, {}, {"k": np.full(9, np.nan)}, {"width": 640, "height": 480}):
-        try:
+    for changes, refused in (({"k": np.zeros(9)}, True), ({}, False), ({"k": np.full(9, np.nan)}, True), ({"width": 640, "height": 480}, False)):
+        with pytest.raises(InputError, match="topic camera_info") if refused else nullcontext():
             intake.take_info(info_of(made_clip, **changes), fov_known=known)
-        except InputError as error:
-            assert "camera_info" in str(error)
     for k in range(len(made_clip)):
         intake.take_image("image", colour(made_clip, k))
     clip, _ = clip_of(intake, config.build({}))

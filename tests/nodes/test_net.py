@@ -100,7 +100,7 @@ def test_a_timer_that_fails_ticks_on(world) -> None:
 
 
 def test_a_service_that_fails_answers(world) -> None:
-    node, other, until = world
+    _node, other, until = world
     client = other.create_client(Trigger, "/fragile_node/bad")
     until(client.service_is_ready)
     future = client.call_async(Trigger.Request())
