@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from array import array
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, short
 
 _DATATYPE = {"u4": 6, "f4": 7}  # sensor_msgs/msg/PointField
 _KIND = {code: kind for kind, code in _DATATYPE.items()}
+_BYTES = 4  # of either
+MAX_FIELDS = 256  # of a cloud that is read; 3DGS with all harmonics has 62
 
 # Field -> unit, in the order of the bytes; uint32 where the unit is "#".
 MATERIAL = {
@@ -18,6 +21,7 @@ MATERIAL = {
     "log10_young_sd": "", "intensity": "log10 Pa", "id": "#", "part": "#",
 }  # fmt: skip
 FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "id": "#"}
+FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
 STATE = {"x": "m", "y": "m", "z": "m", "id": "#", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "log10 Pa"}
 
 
@@ -49,28 +53,71 @@ def pack(header: Mapping[str, Any], layout: Mapping[str, str], columns: Mapping[
     }
 
 
-def unpack(cloud: Any) -> np.ndarray:
+def unpack(cloud: Any, needed: Iterable[str] = ()) -> np.ndarray:
     """Structured array (height, width) of a PointCloud2, plain or rclpy; honours offsets, steps and byte order.
 
-    Raises InputError for fields that are neither float32 nor uint32 and for data of the wrong size.
+    Raises InputError for fields that are neither float32 nor uint32, that are named twice or lie beyond a point, for a cloud that lacks
+    one of the `needed` ones or every point, and for data of the wrong size.
     """
-
-    def get(name: str) -> Any:
-        return cloud[name] if isinstance(cloud, Mapping) else getattr(cloud, name)
-
-    fields = [f if isinstance(f, Mapping) else {n: getattr(f, n) for n in ("name", "offset", "datatype")} for f in get("fields")]
-    unknown = [f["name"] for f in fields if f["datatype"] not in _KIND]
-    if unknown:
-        raise InputError(f"point cloud: field {unknown[0]!r} is neither float32 nor uint32; publish it as one of these")
-    height, width, data = get("height"), get("width"), bytes(get("data"))
-    if len(data) != get("row_step") * height or get("row_step") < width * get("point_step"):
-        raise InputError(f"point cloud: {len(data)} bytes do not hold {height} x {width} points of {get('point_step')} bytes; correct the steps")
-    order = ">" if get("is_bigendian") else "<"
+    fields = [(_get(f, "name"), _get(f, "offset"), _get(f, "datatype"), _get(f, "count")) for f in _listed(cloud)]
+    height, width, step, row_step = (_size(cloud, name) for name in ("height", "width", "point_step", "row_step"))
+    _check_fields(fields, step, needed)
+    data = _get(cloud, "data")
+    if not height * width:
+        raise InputError(f"point cloud: {height} x {width} points, at least one is needed; publish it when there is something to show")
+    if not isinstance(data, (bytes, bytearray, array, np.ndarray)) or len(data) != row_step * height or row_step < width * step:
+        size = len(data) if hasattr(data, "__len__") else 0
+        raise InputError(f"point cloud: {size} bytes do not hold {height} x {width} points of {step} bytes; correct the steps")
+    order = ">" if _get(cloud, "is_bigendian") else "<"
     record = np.dtype({
-        "names": [f["name"] for f in fields], "formats": [order + _KIND[f["datatype"]] for f in fields],
-        "offsets": [f["offset"] for f in fields], "itemsize": get("point_step"),
+        "names": [name for name, *_ in fields], "formats": [order + _KIND[kind] for _, _, kind, _ in fields],
+        "offsets": [offset for _, offset, *_ in fields], "itemsize": step,
     })  # fmt: skip
-    return np.ndarray((height, width), record, data, strides=(get("row_step"), get("point_step")))
+    return np.ndarray((height, width), record, bytes(data), strides=(row_step, step))
+
+
+def _check_fields(fields: list[tuple[Any, Any, Any, Any]], step: int, needed: Iterable[str]) -> None:
+    if not 0 < len(fields) <= MAX_FIELDS:
+        raise InputError(f"point cloud: has {'no field' if not fields else f'over {MAX_FIELDS} fields'}, must have 1 to {MAX_FIELDS}; publish the ones that are read")
+    seen = set[str]()
+    for name, offset, kind, count in fields:
+        if not isinstance(name, str) or not name or name in seen:
+            raise InputError(f"point cloud: a field is called {short(name)}, each needs a name of its own; rename it")
+        if type(kind) is not int or kind not in _KIND:
+            raise InputError(f"point cloud: field {short(name)} is neither float32 nor uint32; publish it as one of these")
+        if type(offset) is not int or offset < 0 or offset + _BYTES > step or count not in (None, 1):
+            raise InputError(
+                f"point cloud: field {short(name)} has offset {short(offset)} and count {short(count)}, must be one value within the {step} bytes of a point; correct the field"
+            )
+        seen.add(name)
+    missing = [name for name in needed if name not in seen]
+    if missing:
+        raise InputError(f"point cloud: has no field {missing[0]!r}; publish all of {', '.join(needed)}")
+
+
+def _size(cloud: Any, name: str) -> int:
+    value = _get(cloud, name)
+    if type(value) is not int or not 0 <= value < 2**32:
+        raise InputError(f"point cloud: {name} is {short(value)}, must be a number in 0 .. {2**32 - 1}; correct the publisher")
+    return value
+
+
+def _listed(cloud: Any) -> list[Any]:
+    fields = _get(cloud, "fields")
+    return list(fields[: MAX_FIELDS + 1]) if isinstance(fields, (list, tuple)) else []
+
+
+def _get(message: Any, name: str) -> Any:
+    return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
+
+
+def particles(cloud: Any, layout: Mapping[str, str]) -> np.ndarray:
+    """Structured array (height, width) of a PointCloud2 of a layout. Raises InputError as `unpack`, and where a field of FINITE is not finite."""
+    rows = unpack(cloud, layout)
+    wrong = next((name for name in layout if name in FINITE and not np.isfinite(rows[name]).all()), None)
+    if wrong:
+        raise InputError(f"point cloud: field {wrong!r} holds a number that is not finite; publish particles that have a place, a size and a force")
+    return rows
 
 
 def xyz(points: np.ndarray, prefix: str = "") -> np.ndarray:

@@ -115,6 +115,15 @@ def values_of(status: Any) -> dict[str, str]:
     return {pair.key: pair.value for pair in status.values}
 
 
+def number(text: str) -> float | None:
+    """The finite number that a value of a DiagnosticStatus says; None where it says none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
 def _text(value: Any) -> str:
     if value is None:
         return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,24 +10,24 @@ from std_srvs.srv import Trigger
 
 from diffphys_ros.msg_schemas import TOPICS
 
-from .clip_topics import ClipBuffer
-from .convert import message_class, stamp_ns
+from .clip_buffer import INFO, MASK, ClipBuffer
+from .convert import message_class
+from .limits import MAX_MIB, max_bytes
 from .parameters import Own
 from .qos import profile
 from .stage import StageNode
-from .worker import Job
+from .worker import CANCELLED, Job
 
-CLIP = ("clip/camera_info", "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/end")
-MASK = "clip/mask"
+CLIP = (INFO, "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/end")
 
 
 class ClipStage(StageNode):
-    """Buffers a clip; starts `job` when nothing is missing. Another clip begins with the next image; ~/reset forgets everything."""
+    """Buffers a clip; starts `job` when nothing is missing. Another clip begins with its camera_info; ~/reset forgets everything."""
 
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool, listens: bool = True) -> None:
-        super().__init__(name, own, publishes)
-        self.buffer = ClipBuffer()
-        self.masks, self.complete, self.listens = masks, False, False
+        super().__init__(name, (MAX_MIB, *own), publishes)
+        self.buffer = ClipBuffer(max_bytes(self.parameters))
+        self.masks, self.complete, self.pending, self.listens = masks, False, False, False
         if listens:
             self.listen()
         self.create_service(Trigger, "~/reset", self._reset)
@@ -37,25 +37,44 @@ class ClipStage(StageNode):
         self.listens = True
         for topic in (*CLIP, MASK) if self.masks else CLIP:
             row = TOPICS[topic]
-            self.create_subscription(message_class(row.type_name), topic, partial(self.take, topic), profile(row))
+            self.create_subscription(message_class(row.type_name), topic, partial(self._heard, topic), profile(row))
 
-    def take(self, topic: str, message: Any) -> None:
-        """Store a message; begin the job when it was the last one missing."""
+    def _heard(self, topic: str, message: Any, about: Mapping[str, Any]) -> None:
+        self.take(topic, message, about.get("source_timestamp") or None)
+
+    def take(self, topic: str, message: Any, sent_ns: int | None = None) -> None:
+        """Store a message; begin the job when it was the last one missing. Raises InputError for one that can be part of no clip."""
         self.note_input()
-        if self.complete and topic == "clip/image" and stamp_ns(message) not in self.buffer.images:
-            self.forget()
-        self.buffer.take(topic, message)
+        if self.buffer.take(topic, message, sent_ns):
+            self.renew()
         self.begin()
 
+    def renew(self) -> None:
+        """Another clip comes in the place of the one before."""
+        self.complete = self.pending = False
+
     def begin(self) -> None:
-        """Begin the job where the clip is complete and no job was begun for it."""
+        """Begin the job where the clip is complete and no job was begun for it; after the job that runs, where one does."""
         if self.complete or self.waiting_for():
             return
         self.complete = True
-        if self.worker.start(self.job()):
-            self.state = "working"
+        if self.worker.busy:
+            self.pending = True
+            self.get_logger().warning("a new clip came while the last one is worked on; it is next")
         else:
-            self.get_logger().warning("a new clip came while the last one is worked on; call ~/reset, or ~/fit when that is done")
+            self._start()
+
+    def _start(self) -> bool:
+        """Begin a job; false where one runs."""
+        if not self.worker.start(self.job()):
+            return False
+        self.complete, self.pending, self.state = True, False, "working"
+        return True
+
+    def on_idle(self) -> None:
+        if self.pending and self.state != CANCELLED:
+            self._start()
+        self.pending = False
 
     def job(self) -> Job:
         """What to do with the complete buffer, in the worker's thread."""
@@ -63,7 +82,8 @@ class ClipStage(StageNode):
 
     def forget(self) -> None:
         """Drop the buffered clip; a running job and its result stay."""
-        self.buffer, self.complete = ClipBuffer(), False
+        self.renew()
+        self.buffer = ClipBuffer(self.buffer.max_bytes)
 
     def waiting_for(self) -> str:
         return self.buffer.missing(masks=self.masks) if self.listens and not self.complete else ""

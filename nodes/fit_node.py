@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
-from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
 
+from .clip_buffer import ClipBuffer
 from .clip_stage import ClipStage
-from .clip_topics import ClipBuffer
-from .convert import message_class, to_ros
+from .convert import message_class, stamp_ns, to_ros
 from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
@@ -49,6 +48,7 @@ class FitNode(ClipStage):
 
     def __init__(self) -> None:
         self.splats: Any = None
+        self.splats_ns = 0  # stamp of the clip that they belong to; 0: of any
         self.playback: Playback | None = None
         self.loss: float | None = None
         super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
@@ -69,7 +69,7 @@ class FitNode(ClipStage):
     def waiting_for(self) -> str:
         if not self.listens or self.complete:
             return ""
-        return super().waiting_for() or ("" if self.splats is not None else SPLATS)
+        return super().waiting_for() or self._splats_missing()
 
     def health(self) -> dict[str, Any]:
         reference = None if self.playback is None else self.playback.answer.reference_text
@@ -79,7 +79,7 @@ class FitNode(ClipStage):
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         if self.bag:
             return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
-        return lambda: _recover(partial(_from_topics, self.buffer, self.splats, settings), settings, out, resume)
+        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -118,27 +118,25 @@ class FitNode(ClipStage):
             self.playback = None
 
     def _start(self) -> bool:
-        if not self.worker.start(self.job()):
+        if not super()._start():
             return False
-        self.complete, self.state, self.loss = True, "working", None
+        self.loss = None
         return True
 
     def _on_splats(self, message: Any) -> None:
         self.note_input()
-        try:
-            self.splats = splats_of(message)
-        except InputError as error:
-            self.get_logger().error(str(error))
-            return
+        self.splats, self.splats_ns = splats_of(message), stamp_ns(message)
         self.begin()
 
+    def _splats_missing(self) -> str:
+        stamps = self.buffer.stamps()
+        there = self.splats is not None and (not self.splats_ns or (len(stamps) > 0 and self.splats_ns == stamps[0]))
+        return "" if there else f"{SPLATS} of this clip"
+
     def _on_fit(self, request: Any, response: Any) -> Any:
-        missing = "" if self.bag else self.buffer.missing(masks=True) or ("" if self.splats is not None else SPLATS)
-        try:
-            response.success = not missing and self._start()
-            response.message = "fit begun" if response.success else f"still waiting for {missing}" if missing else "a fit is running; call ~/cancel first"
-        except InputError as error:
-            response.success, response.message = False, str(error)
+        missing = "" if self.bag else self.buffer.missing(masks=True) or self._splats_missing()
+        response.success = not missing and self._start()
+        response.message = "fit begun" if response.success else f"still waiting for {missing}" if missing else "a fit is running; call ~/cancel first"
         return response
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
@@ -147,9 +145,9 @@ class FitNode(ClipStage):
         response.message = "ends at its next step" if response.success else "no fit is running"
         return response
 
-    def forget(self) -> None:
+    def renew(self) -> None:
         self.splats = None
-        super().forget()
+        super().renew()
 
     def _reset(self, request: Any, response: Any) -> Any:
         self._stop_playback()

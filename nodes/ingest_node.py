@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,14 +13,15 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
-from diffphys_ros.bags.assemble import assemble
-from diffphys_ros.bags.read import decoded, edge, nearest, read_clip, seen_through
+from diffphys_ros.bags.read import read_clip
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Clip
 
 from .clip_stage import CLIP
-from .clip_topics import clip_messages, labels_of, slot_stamps
+from .clip_topics import clip_messages, slot_stamps
 from .convert import stamp_ns
+from .intake import Intake, clip_of
+from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
 from .parameters import Own, existing
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
@@ -33,8 +33,9 @@ OWN = (
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
     Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
     Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
+    MAX_MIB,
 )
-SOURCE = "raw topics"
+MAX_SILENCE_S = 3600.0
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
@@ -43,6 +44,8 @@ class IngestNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__("ingest_node", OWN, CLIP)
+        self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
+        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters))
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -53,12 +56,10 @@ class IngestNode(StageNode):
 
     def clear(self) -> None:
         """Begin to collect."""
-        self.images: list[tuple[str, Any]] = []  # topic, message
-        self.depths: list[Any] = []
-        self.masks: list[Any] = []
-        self.info: Any = None
-        self.links: dict[str, Any] = {}  # TransformStamped by child frame
-        self.closed, self.ignored = False, 0
+        self.intake.begin()
+        self.closed, self.collected, self.ignored = False, 0, 0
+        self.first_ns = self.last_ns = 0  # stamps of the collected images
+        self.last_image: float | None = None
 
     def start(self, job: Job) -> None:
         """Close the clip and make it in the worker's thread."""
@@ -69,10 +70,10 @@ class IngestNode(StageNode):
     def waiting_for(self) -> str:
         if self.closed:
             return ""
-        return "image or image/compressed" if not self.images else "camera_info" if self.info is None else "the end of the clip"
+        return "image or image/compressed" if not self.collected else "the end of the clip" if self.intake.infos else "camera_info"
 
     def health(self) -> dict[str, Any]:
-        return {"frames": len(self.images), "frequency_hz": self._frequency(), "dropped": self.ignored}
+        return {"frames": self.collected, "frequency_hz": self._frequency(), "dropped": self.ignored}
 
     def on_done(self, result: tuple[Clip, np.ndarray, Any]) -> None:
         clip, stamps, pose = result
@@ -85,6 +86,8 @@ class IngestNode(StageNode):
 
     def on_failed(self, reason: str) -> None:
         self.get_logger().error(reason)
+        if not self.parameters["bag"]:
+            self.clear()  # what comes next may make a clip
 
     def _subscribe(self) -> None:
         qos = sensor(self.parameters["reliability"])
@@ -93,7 +96,7 @@ class IngestNode(StageNode):
         for beside in ("depth", "mask"):
             self.create_subscription(Image, beside, partial(self._on_beside, beside), qos)
         self.create_subscription(CameraInfo, "camera_info", self._on_info, qos)
-        self.create_subscription(TransformStamped, "camera_pose", self._on_link, latched())
+        self.create_subscription(TransformStamped, "camera_pose", self.intake.take_link, latched())
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
@@ -104,38 +107,38 @@ class IngestNode(StageNode):
 
     def _on_image(self, topic: str, message: Any) -> None:
         self.note_input()
-        if self.closed or (self.images and self.images[0][0] != topic):
+        if self.closed or self.intake.topic not in ("", topic):
             self.ignored += 1
             return
-        if self.images and stamp_ns(self.images[-1][1]) - stamp_ns(message) > REPLAY_JUMP_NS:
+        if self.collected and self.last_ns - stamp_ns(message) > REPLAY_JUMP_NS:
             self.get_logger().info("stamps jumped back; the clip ends here")
             self._finish()
             return
-        self.images.append((topic, message))
-        if len(self.images) >= self.parameters["max_frames"]:
+        self.intake.take_image(topic, message)
+        self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
+        self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
+        if self.intake.full:
+            self.get_logger().warning(f"the clip ends here: {self.collected} images are what max_frames and max_mib allow")
             self._finish()
 
     def _on_beside(self, topic: str, message: Any) -> None:
         if not self.closed:
-            (self.depths if topic == "depth" else self.masks).append(message)
+            (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
 
     def _on_info(self, message: Any) -> None:
-        self.info = self.info or message
+        self.intake.take_info(message, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
 
     def _on_tree(self, tree: Any) -> None:
         for link in tree.transforms:
-            self._on_link(link)
-
-    def _on_link(self, link: Any) -> None:
-        self.links[link.child_frame_id] = link
+            self.intake.take_link(link)
 
     def _look_for_silence(self) -> None:
-        if not self.closed and self.images and self.last_input and time.monotonic() - self.last_input > self.parameters["silence_s"]:
+        if not self.closed and self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
             self._finish()
 
     def _finish(self) -> None:
         settings = self.parameters.settings()
-        self.start(partial(_assemble, self.images, self.depths, self.masks, self.info, dict(self.links), settings))
+        self.start(partial(_assemble, self.intake.closed(), settings))
 
     def _read_job(self) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
@@ -148,14 +151,12 @@ class IngestNode(StageNode):
         return read
 
     def _frequency(self) -> float | None:
-        if len(self.images) < 2:
-            return None
-        span = stamp_ns(self.images[-1][1]) - stamp_ns(self.images[0][1])
-        return 1e9 * (len(self.images) - 1) / span if span > 0 else None
+        span = self.last_ns - self.first_ns
+        return 1e9 * (self.collected - 1) / span if span > 0 else None
 
     def _on_end(self, request: Any, response: Any) -> Any:
-        response.success = bool(self.images) and not self.closed
-        response.message = f"clip of {len(self.images)} images closed" if response.success else "there is no open clip; call ~/reset to begin one"
+        response.success = bool(self.collected) and not self.closed
+        response.message = f"clip of {self.collected} images closed" if response.success else "there is no open clip; call ~/reset to begin one"
         if response.success:
             self._finish()
         return response
@@ -169,23 +170,11 @@ class IngestNode(StageNode):
         return response
 
 
-def _assemble(
-    images: list[tuple[str, Any]], depths: list[Any], masks: list[Any], info: Any, links: dict[str, Any], settings: config.Settings
-) -> Generator[None, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
+def _assemble(intake: Intake, settings: config.Settings) -> Generator[None, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
     """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform."""
     yield
-    topic, first = images[0]
-    frames = [(stamp_ns(m), decoded(m, SOURCE, topic)) for _, m in images]
-    metres = [] if settings.topics.depth == "none" else [(stamp_ns(m), decoded(m, SOURCE, "depth")) for m in depths]
-    view = (frames[0][1].shape[1], frames[0][1].shape[0], first.header.frame_id)
-    edges = dict(edge(link) for link in links.values())
-    camera, undistort, notes = seen_through(info, edges, settings, view, SOURCE, image_topic=topic, info_topic="camera_info")
-    mask = nearest([(stamp_ns(m), labels_of(m, "mask")) for m in masks], frames[0][0]) if masks else None
-    if undistort:
-        mask = None if mask is None else undistort(mask)
-        frames, metres = ([(stamp, undistort(image)) for stamp, image in some] for some in (frames, metres))
-    clip = replace(assemble(frames, metres, camera, SOURCE, notes=notes), first_labels=mask)
-    return clip, slot_stamps(clip, np.array([stamp for stamp, _ in frames])), _single(links, camera.frame_id)
+    clip, received = clip_of(intake, settings)
+    return clip, slot_stamps(clip, received), _single(intake.links, clip.camera.frame_id)
 
 
 def _single(links: dict[str, Any], frame_id: str) -> dict[str, Any] | None:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diffphys_ros.bags.read import decoded
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 
-from .clip_topics import ClipBuffer
+from .clip_checks import camera_of, check, colour_of, labels_of
 from .convert import message_class, stamp_ns
+from .limits import MAX_FRAMES
 from .parameters import Own
 from .qos import profile
 from .splat_topic import splats_of
@@ -27,6 +27,8 @@ OWN = (
     Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, or 'spawn' for a new one"),
     Own("fit_node", "fit_node", "name of the fit node to look at"),
 )
+MAX_LOG10_PA = 30.0  # of a modulus that is shown
+MAX_S = 1e6  # of a frame after the first one
 
 
 class InspectNode(StageNode):
@@ -35,7 +37,8 @@ class InspectNode(StageNode):
     def __init__(self) -> None:
         super().__init__("inspect_node", OWN)
         self.stream = self._opened(self._sink())
-        self.buffer, self.shown = ClipBuffer(), set[str]()
+        self.camera_from: dict[str, Any] = {}  # the latest camera_info and camera_pose, by topic
+        self.images, self.shown = 0, set[str]()
         self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
         for name, show in self._views().items():
             topic = TOPICS[name]
@@ -47,7 +50,7 @@ class InspectNode(StageNode):
         self.stream.close()
 
     def health(self) -> dict[str, Any]:
-        return {"frames": len(self.buffer.images)}
+        return {"frames": self.images}
 
     @staticmethod
     def _opened(sink: dict[str, str]) -> Stream:
@@ -70,48 +73,50 @@ class InspectNode(StageNode):
             "clip/camera_info": partial(self._show_camera, "clip/camera_info"),
             "clip/camera_pose": partial(self._show_camera, "clip/camera_pose"),
             "clip/image": self._show_image,
-            "clip/mask": lambda m: self.stream.log_labels(decoded(m, "topics", "clip/mask")[..., 0]),
+            "clip/mask": lambda m: self.stream.log_labels(labels_of(m, "clip/mask")),
             "splats": lambda m: self.stream.log_splats(splats_of(m)),
             "~/material_field": self._show_material,
             "~/force_field": self._show_force_field,
             "~/quality": self._show_text,
             "~/progress": self._show_progress,
-            "~/rendered": lambda m: self.stream.log_rendered(decoded(m, "topics", "rendered")),
+            "~/rendered": lambda m: self.stream.log_rendered(colour_of(m, "~/rendered")),
         }
 
     def _take(self, name: str, show: Any, message: Any) -> None:
         self.note_input()
-        try:
-            if getattr(message, "header", None) is not None and stamp_ns(message):
-                self.stream.at(stamp_ns(message))
-            show(message)
-            if name not in self.shown:
-                self.shown.add(name)
-                self.get_logger().info(f"showing {name}")
-        except InputError as error:
-            self.get_logger().error(f"{name}: {error}")
+        if getattr(message, "header", None) is not None and stamp_ns(message):
+            self.stream.at(stamp_ns(message))
+        show(message)
+        if name not in self.shown:
+            self.shown.add(name)
+            self.get_logger().info(f"showing {name}")
 
     def _show_camera(self, name: str, message: Any) -> None:
-        self.buffer.take(name, message)
-        if self.buffer.info is not None and self.buffer.pose is not None:
-            self.stream.log_camera(self.buffer.camera())
+        check(name, message)
+        self.camera_from[name] = message
+        if len(self.camera_from) == 2:
+            self.stream.log_camera(camera_of(self.camera_from["clip/camera_info"], self.camera_from["clip/camera_pose"]))
 
     def _show_image(self, message: Any) -> None:
-        self.buffer.take("clip/image", message)
-        self.stream.log_image(decoded(message, "topics", "clip/image"))
+        self.stream.log_image(colour_of(message, "clip/image"))
+        self.images += 1
 
     def _show_material(self, message: Any) -> None:
         from diffphys_ros.report.colours import stiffness_colours
         from diffphys_ros.report.rerun_log import point_radius
 
-        points = clouds.unpack(message)[0]
+        points = clouds.particles(message, clouds.MATERIAL).ravel()
+        if not (np.abs(points["intensity"]) <= MAX_LOG10_PA).all():
+            raise InputError(f"topic ~/material_field: intensity must be log10 of a modulus within {MAX_LOG10_PA:g} of 0; publish the modulus that was used")
         self.colours, self.radius_m = stiffness_colours(10.0 ** points["intensity"].astype(float)), point_radius(points["volume"])
         self.stream.log_cloud(clouds.xyz(points), self.colours, radius_m=self.radius_m)
 
     def _show_force_field(self, message: Any) -> None:
         from diffphys_ros.report.rerun_log import force_arrows
 
-        rows, start = clouds.unpack(message), stamp_ns(message)
+        rows, start = clouds.particles(message, clouds.FORCE), stamp_ns(message)
+        if len(rows) > MAX_FRAMES or np.abs(rows["t"]).max() > MAX_S:
+            raise InputError(f"topic ~/force_field: {len(rows)} frames, must be at most {MAX_FRAMES} within {MAX_S:g} s; publish one row per frame")
         where, force = clouds.xyz(rows), clouds.xyz(rows, "f")
         index, arrows = force_arrows(where[0], force, np.zeros(rows.shape[1], bool))
         for k, row in enumerate(rows):
@@ -123,9 +128,9 @@ class InspectNode(StageNode):
 
     def _show_progress(self, message: Any) -> None:
         for status in message.status:
-            loss = messages.values_of(status).get("loss")
-            if loss:
-                self.stream.log_loss(float(loss))
+            loss = messages.number(messages.values_of(status).get("loss", ""))
+            if loss is not None:
+                self.stream.log_loss(loss)
         self._show_text(message)
 
     def _show_text(self, message: Any) -> None:

@@ -9,15 +9,20 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from diffphys_ros.errors import short
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 
 WANTED = ("~/material_field", "~/force_field", "~/quality")
 HEARD = (*WANTED, "~/progress", "~/net_force")
+LAYOUTS = {"~/material_field": clouds.MATERIAL, "~/force_field": clouds.FORCE}
 EVERY_S = 2.0  # between two lines about iterations
+MOST_PARTS = 255  # that are told; a label image has no more
+MOST_SD = 100.0  # of log10 E that is told
 
 
 class Listener:
@@ -25,7 +30,10 @@ class Listener:
 
     def __init__(self, node: Any, name: str) -> None:
         from diffphys_ros.nodes.convert import message_class
+        from diffphys_ros.nodes.net import Net
         from diffphys_ros.nodes.qos import profile
+
+        self.net = Net(node.get_logger)
 
         self.received: dict[str, Any] = {}
         self.failure = ""
@@ -33,7 +41,7 @@ class Listener:
         for topic in HEARD:
             row = TOPICS[topic]
             absolute = topic.replace("~", name, 1)
-            node.create_subscription(message_class(row.type_name), absolute, lambda m, t=topic: self._take(t, m), profile(row))
+            node.create_subscription(message_class(row.type_name), absolute, self.net.around(partial(self._take, topic), absolute), profile(row))
 
     @property
     def complete(self) -> bool:
@@ -46,40 +54,43 @@ class Listener:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Net force (T, 3) [N] summed over the received cloud, times (T,) [s], moduli (K,) [Pa] and parts (K,)."""
-        rows, material = clouds.unpack(self.received["~/force_field"]), clouds.unpack(self.received["~/material_field"])[0]
+        rows, material = self.received["~/force_field"], self.received["~/material_field"]
         net = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1)
         return {"net_force": net, "t": rows["t"][:, 0], "young": material["young_modulus"], "part": material["part"]}
 
     def _take(self, topic: str, message: Any) -> None:
+        if topic in LAYOUTS:
+            rows = clouds.particles(message, LAYOUTS[topic])
+            content = rows.ravel() if topic == "~/material_field" else rows
+        else:
+            content = message
         first = topic not in self.received
-        self.received[topic] = message
+        self.received[topic] = content
         if topic == "~/progress":
             self._hear_progress(message)
+        elif topic == "~/material_field" and first:
+            self._tell_material(content, message.header.frame_id)
         elif first:
-            {"~/material_field": self._tell_material, "~/force_field": self._tell_force, "~/quality": self._tell_quality}.get(
-                topic, self._tell_played
-            )(message)
+            {"~/force_field": self._tell_force, "~/quality": self._tell_quality}.get(topic, self._tell_played)(content)
 
     def _hear_progress(self, message: Any) -> None:
         for status in message.status:
             news, text = messages.values_of(status), status.message
             if status.level == bytes([messages.ERROR]):
                 self.failure = text
-            due = time.monotonic() - self._said_at > EVERY_S
-            if due or news["stage"] != self._stage or (text and news["iterations"] == "0"):
-                self._said_at, self._stage = time.monotonic(), news["stage"]
+            due, stage = time.monotonic() - self._said_at > EVERY_S, news.get("stage", "")
+            if due or stage != self._stage or (text and news.get("iterations", "0") == "0"):
+                self._said_at, self._stage = time.monotonic(), stage
                 self.say(_progress_line(news, text))
 
-    def _tell_material(self, message: Any) -> None:
-        points = clouds.unpack(message)[0]
-        self.say(f"material_field: {len(points)} particles in frame {message.header.frame_id!r}")
-        for part in np.unique(points["part"]):
+    def _tell_material(self, points: np.ndarray, frame_id: str) -> None:
+        self.say(f"material_field: {len(points)} particles in frame {short(frame_id)}")
+        for part in np.unique(points["part"])[:MOST_PARTS]:
             own = points["part"] == part
             young, sd = float(np.median(points["young_modulus"][own])), float(np.median(points["log10_young_sd"][own]))
-            self.say(f"  part {part}: E = {young:.4g} Pa (x/ {10**sd:.2f}), {1e3 * float((points['volume'] * points['density'])[own].sum()):.0f} g")
+            self.say(f"  part {part}: E = {young:.4g} Pa (x/ {10 ** min(sd, MOST_SD):.2f}), {1e3 * float((points['volume'] * points['density'])[own].sum()):.0f} g")
 
-    def _tell_force(self, message: Any) -> None:
-        rows = clouds.unpack(message)
+    def _tell_force(self, rows: np.ndarray) -> None:
         net = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1)
         size = np.linalg.norm(net, axis=1)
         k = int(size.argmax())
@@ -89,7 +100,7 @@ class Listener:
     def _tell_quality(self, message: Any) -> None:
         for status in message.status:
             v = messages.values_of(status)
-            self.say(f"quality, {status.name}: identified {v['identified']}: {v['reason']}")
+            self.say(f"quality, {status.name}: identified {v.get('identified', '')}: {v.get('reason', '')}")
             for source in ("density_source", "metric_scale_source"):
                 if source in v:
                     self.say(f"  {source}: {v[source]}")
@@ -102,10 +113,11 @@ class Listener:
 
 
 def _progress_line(news: dict[str, str], text: str) -> str:
-    count = f" {news['iteration']}/{news['iterations']}" if news["iterations"] != "0" else ""
-    loss = f", loss {float(news['loss']):.4g}" if news["loss"] else ""
-    left = f", {float(news['seconds_left']):.0f} s left" if news["seconds_left"] else ""
-    return f"{news['stage']}{count}{loss}{left}{': ' + text if text else ''}"
+    known = {name: messages.number(news.get(name, "")) for name in ("iteration", "iterations", "loss", "seconds_left")}
+    count = f" {known['iteration'] or 0:.0f}/{known['iterations']:.0f}" if known["iterations"] else ""
+    loss = "" if known["loss"] is None else f", loss {known['loss']:.4g}"
+    left = "" if known["seconds_left"] is None else f", {known['seconds_left']:.0f} s left"
+    return f"{news.get('stage', '')}{count}{loss}{left}{': ' + text if text else ''}"
 
 
 def main() -> int:

@@ -12,11 +12,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from diffphys_ros import config
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
-from .clip_stage import MASK, ClipStage
-from .clip_topics import labels_of, mask_messages, slot_stamps
+from .clip_buffer import MASK
+from .clip_checks import check_labels, labels_of
+from .clip_stage import ClipStage
+from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
 
@@ -29,7 +31,9 @@ class SegmentNode(ClipStage):
 
     def __init__(self) -> None:
         self.told: dict[str, Any] = {}  # the latest click and mask
+        self.wait_for = ""
         super().__init__("segment_node", OWN, publishes=[MASK], masks=False)
+        self.wait_for = self.parameters["wait_for"]
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(PointStamped, CLICK, lambda message: self.tell(CLICK, message), reliable)
         self.create_subscription(Image, FIRST_MASK, lambda message: self.tell(FIRST_MASK, message), reliable)
@@ -37,6 +41,10 @@ class SegmentNode(ClipStage):
     def tell(self, what: str, message: Any) -> None:
         """A person, or another node, says what the object in frame 0 is; the last word counts."""
         self.note_input()
+        if what == FIRST_MASK:
+            check_labels(message, FIRST_MASK)
+        else:
+            place_of(message)
         self.told = {what: message}
         if self.complete and self.state == "working":
             self.get_logger().warning(f"{what} came while the clip is labelled without it; send it again when that is done, or set wait_for")
@@ -45,15 +53,15 @@ class SegmentNode(ClipStage):
         self.begin()
 
     def waiting_for(self) -> str:
-        wanted = self.parameters["wait_for"]
+        wanted = self.wait_for
         return super().waiting_for() or (wanted if wanted and wanted not in self.told and not self.complete else "")
 
-    def forget(self) -> None:
-        super().forget()
+    def renew(self) -> None:
+        super().renew()
         self.told = {}
 
     def job(self) -> Job:
-        buffer, settings, told = self.buffer, self.parameters.settings(), dict(self.told)
+        buffer, settings, told = self.buffer.copy(), self.parameters.settings(), dict(self.told)
 
         def label() -> Generator[str, None, list[Any]]:
             from diffphys_ros.depth import placed
@@ -85,21 +93,30 @@ def changed(settings: config.Settings, values: dict[str, Any]) -> config.Setting
     return config.build(config.flat(settings) | values, f"topics {CLICK} and {FIRST_MASK}")
 
 
+def place_of(click: Any) -> np.ndarray:
+    """The point of a geometry_msgs/PointStamped (3,). Raises InputError where it is not finite."""
+    point = np.array([click.point.x, click.point.y, click.point.z])
+    if not np.isfinite(point).all():
+        raise InputError(f"topic {CLICK}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
+    return point
+
+
 def pixel_of(click: Any, camera: Camera) -> np.ndarray:
     """Where a geometry_msgs/PointStamped lies in the image (2,) [px].
 
     In the camera's frame (or without a frame) a point with z = 0 is a pixel u, v, as image viewers send it; one with z > 0 is a point [m],
     as is one in the world frame. Raises InputError for another frame and for points that the camera does not see.
     """
-    point, frame = np.array([click.point.x, click.point.y, click.point.z]), click.header.frame_id
+    point, frame = place_of(click), click.header.frame_id
     if frame in ("", camera.frame_id):
         if point[2] == 0:
             return point[:2]
         point = camera.world_from_camera[:3, :3] @ point + camera.position
     elif frame != camera.world_frame_id:
-        known = " or ".join(repr(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
-        raise InputError(f"topic {CLICK}: a point in frame {frame!r}, must be in {known}; transform it")
-    pixel, depth = camera.project(point)
-    if depth <= 0:
+        known = " or ".join(short(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
+        raise InputError(f"topic {CLICK}: a point in frame {short(frame)}, must be in {known}; transform it")
+    with np.errstate(all="ignore"):
+        pixel, depth = camera.project(point)
+    if depth <= 0 or not np.isfinite(pixel).all():
         raise InputError(f"topic {CLICK}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
     return pixel

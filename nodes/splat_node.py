@@ -26,7 +26,7 @@ class SplatNode(ClipStage):
         return {"loss": self.loss}
 
     def job(self) -> Job:
-        buffer, settings = self.buffer, self.parameters.settings()
+        buffer, settings = self.buffer.copy(), self.parameters.settings()
 
         def fit() -> Generator[Any, None, dict[str, Any]]:
             from diffphys_ros.depth import placed, surface_depth

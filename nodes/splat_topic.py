@@ -21,9 +21,9 @@ def splat_cloud(splats: Splats, header: dict[str, Any]) -> dict[str, Any]:
 
 
 def splats_of(cloud: Any) -> Splats:
-    """The Splats of a PointCloud2. Raises InputError where a field is missing."""
-    points = clouds.unpack(cloud)[0]
-    missing = [name for name in FIELDS if name not in (points.dtype.names or ())]
-    if missing:
-        raise InputError(f"topic splats: the cloud has no field {missing[0]!r}; publish all fields of a 3DGS .ply: {', '.join(FIELDS)}")
-    return from_raw(np.stack([points[name] for name in FIELDS], -1))
+    """The Splats of a PointCloud2. Raises InputError where it holds none."""
+    try:
+        points = clouds.unpack(cloud, LAYOUT).ravel()
+        return from_raw(np.stack([points[name] for name in FIELDS], -1))
+    except InputError as error:
+        raise InputError(f"topic splats: {error}") from error

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import resource
 import time
-import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.msg_schemas import TOPICS, messages
 
 from .convert import message_class, to_ros
+from .net import Net, foreseen, sentence_of
 from .parameters import Own, Parameters
 from .qos import profile
 from .worker import CANCELLED, DONE, FAILED, NEWS, Event, Worker
@@ -28,12 +27,13 @@ HEALTH = "/diagnostics"
 
 
 class StageNode(Node):
-    """A node that does one long job in a worker thread; callbacks only store and enqueue.
+    """A node that does one long job in a worker thread; callbacks only store and enqueue, and none of them can end the node.
 
     Subclasses override on_news, on_done, on_failed, waiting_for and health.
     """
 
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = ()) -> None:
+        self.net = Net(self.get_logger)
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.parameters = Parameters(self, own)
         self.worker = Worker()
@@ -46,6 +46,18 @@ class StageNode(Node):
         self.create_timer(POLL_S, self._poll, clock=steady)
         self.create_timer(DIAGNOSTICS_S, self._diagnose, clock=steady)
         self._quiet_since = time.monotonic()
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """As rclpy's, under the net."""
+        return super().create_subscription(msg_type, topic, self.net.around(callback, topic), *arguments, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **options: Any) -> Any:
+        """As rclpy's, under the net."""
+        return super().create_service(srv_type, srv_name, self.net.answering(callback, srv_name), **options)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """As rclpy's, under the net."""
+        return super().create_timer(timer_period_sec, self.net.around(callback, getattr(callback, "__name__", "timer").strip("_")), *arguments, **options)
 
     def close(self) -> None:
         """Stop the work; called once before the node is destroyed."""
@@ -82,6 +94,9 @@ class StageNode(Node):
     def on_failed(self, reason: str) -> None:
         """The worker stopped for a reason, one sentence."""
 
+    def on_idle(self) -> None:
+        """The worker ended, for whatever reason, and the node has answered to that."""
+
     def waiting_for(self) -> str:
         """The topic that is waited for; empty where nothing is."""
         return ""
@@ -99,32 +114,37 @@ class StageNode(Node):
             self.on_news(event.value)
         elif event.kind == DONE:
             self.state = "done"
-            self.on_done(event.value)
+            try:
+                self.on_done(event.value)
+            except Exception as error:  # a result that cannot be published is none
+                self.state = FAILED
+                self.on_failed(self.net.catch(error, "result"))
         else:
             self.state = event.kind
             self.on_failed(self._reason(event))
+        if event.kind != NEWS:
+            self.on_idle()
 
     def _reason(self, event: Event) -> str:
         if event.kind == CANCELLED:
             return "cancelled; ~/fit begins again"
-        error = event.value
-        if not isinstance(error, (InputError, SimulationError)):
-            self.get_logger().error("".join(traceback.format_exception(error)))
-            return f"error of the program: {type(error).__name__}: {error}"
-        return str(error)
+        return sentence_of(event.value) if foreseen(event.value) else self.net.catch(event.value, self.task)
 
     def _diagnose(self) -> None:
         wanted = self.waiting_for()
         if wanted and time.monotonic() - self._quiet_since > SILENCE_WARNING_S:
             self._quiet_since = time.monotonic()
             self.get_logger().warning(f"no data for {SILENCE_WARNING_S:g} s; waiting for {wanted}")
-        level = messages.ERROR if self.state == FAILED else messages.OK
+        level = messages.ERROR if self.state == FAILED or self.net.faults else messages.WARN if self.net.bad_input_lately else messages.OK
         age = None if self.last_input is None else time.monotonic() - self.last_input
         values = {
             "state": self.state,
             "waiting_for": wanted,
             "received": self.received,
             "input_age_s": age,
+            "refused": self.net.refused,
+            "faults": self.net.faults,
+            "last_error": self.net.last_fault or self.net.last,
             **self.health(),
             "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }

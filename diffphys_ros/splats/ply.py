@@ -7,11 +7,12 @@ logarithms of the standard deviations [m], quaternion wxyz.
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..types import Splats
 
 FIELDS = (
@@ -22,6 +23,11 @@ FIELDS = (
 SH_C0 = 0.28209479177387814  # spherical harmonic of degree 0: 1 / (2 sqrt(pi))
 MAX_LOGIT = 15.0  # keeps an opacity of 0 or 1 finite
 MIN_SCALE_M = 1e-9  # keeps a scale of 0 finite
+SCALES_M = 1e-18, 1e6  # of Gaussians that are read: their squares are normal float32 numbers
+MAX_EXPONENT = 700.0  # of e, which overflows a little above
+MAX_PLACE_M = 1e6  # of a coordinate that is read
+MAX_FILE_BYTES = 2**31
+MAX_PROPERTIES = 256  # of a vertex that is read; 3DGS with all harmonics has 62
 UNIT_TOLERANCE = 1e-6  # quaternions nearer to unit norm are kept as they are, so that reading twice changes nothing
 
 _MEAN, _COLOR, _OPACITY, _SCALE, _ROTATION = slice(0, 3), slice(6, 9), 9, slice(10, 13), slice(13, 17)
@@ -46,21 +52,28 @@ def to_raw(splats: Splats) -> np.ndarray:
 def from_raw(raw: np.ndarray) -> Splats:
     """Splats of rows of FIELDS (G, 17). Colours are clipped to 0..1, quaternions brought to unit norm.
 
-    Raises InputError for a wrong shape, for numbers that are not finite and for quaternions of norm 0.
+    Raises InputError for a wrong shape, for numbers that are not finite, for quaternions of norm 0 and for positions and scales out of bounds.
     """
     if raw.ndim != 2 or raw.shape[1] != len(FIELDS) or not len(raw):
         raise InputError(f"splats: array of shape {raw.shape} must be (G, {len(FIELDS)}) with the fields {' '.join(FIELDS)} and G > 0")
-    values = raw.astype(float)
+    with np.errstate(invalid="ignore"):  # of a signalling NaN
+        values = raw.astype(float)
     norm = np.linalg.norm(values[:, _ROTATION], axis=1, keepdims=True)
     wrong = ~(np.isfinite(values).all(1) & (norm[:, 0] > 0))
     if wrong.any():
         raise InputError(f"splats: row {int(np.argmax(wrong))} holds a number that is not finite or a quaternion of norm 0; fit them again")
+    log_low, log_high = np.log(SCALES_M)
+    far = (np.abs(values[:, _MEAN]) > MAX_PLACE_M).any(1) | ((values[:, _SCALE] < log_low) | (values[:, _SCALE] > log_high)).any(1)
+    if far.any():
+        raise InputError(
+            f"splats: row {int(np.argmax(far))} lies beyond {MAX_PLACE_M:g} m or has a scale outside {SCALES_M[0]:g} .. {SCALES_M[1]:g} m; give the scene in metres"
+        )
     unit = np.where(np.abs(norm - 1) <= UNIT_TOLERANCE, values[:, _ROTATION], values[:, _ROTATION] / norm)
     fields = (
         values[:, _MEAN],
         unit,
         np.exp(values[:, _SCALE]),
-        1 / (1 + np.exp(-values[:, _OPACITY])),
+        1 / (1 + np.exp(np.minimum(-values[:, _OPACITY], MAX_EXPONENT))),
         np.clip(values[:, _COLOR] * SH_C0 + 0.5, 0, 1),
     )
     return Splats(*(f.astype(np.float32) for f in fields))
@@ -87,40 +100,58 @@ def write(path: str | Path, splats: Splats) -> None:
         os.replace(part, path)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise InputError(f"splats {path}: cannot be written ({error.strerror or error}); name a file in a writable folder") from error
+        raise InputError(f"splats {shown(path)}: cannot be written ({error.strerror or error}); name a file in a writable folder") from error
 
 
 def read(path: str | Path) -> Splats:
     """Splats of a binary little-endian .ply; further properties (normals, f_rest_*) are ignored. Raises InputError for a
     file that is missing, truncated, of another format or without a needed property."""
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"splats {path}: {error.strerror or error}; give the path of a readable .ply file") from error
+    data = _bytes_of(path)
     count, layout, start = _header(path, data)
-    rows = np.frombuffer(data, layout, offset=start, count=min(count, (len(data) - start) // layout.itemsize))
-    if len(rows) < count:
-        raise InputError(f"splats {path}: ends after {len(rows)} of {count} Gaussians; copy the file again")
+    there = (len(data) - start) // layout.itemsize
+    if there < count:
+        raise InputError(f"splats {shown(path)}: ends after {there} of {count} Gaussians; copy the file again")
+    rows = np.frombuffer(data, layout, offset=start, count=count) if count else np.zeros(0, layout)
     raw = np.zeros((count, len(FIELDS)), np.float32)
-    for i, name in enumerate(FIELDS):
-        if name in (layout.names or ()):
-            raw[:, i] = rows[name]
-    return from_raw(raw)
+    with np.errstate(over="ignore", invalid="ignore"):  # of doubles; what is not finite is refused below
+        for i, name in enumerate(FIELDS):
+            if name in (layout.names or ()):
+                raw[:, i] = rows[name]
+    try:
+        return from_raw(raw)
+    except InputError as error:
+        raise InputError(f"{shown(path)}: {error}") from error
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"splats {shown(path)}: is no regular file; give the path of a .ply file")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"splats {shown(path)}: has over {MAX_FILE_BYTES // 2**20} MiB; export fewer Gaussians")
+        return path.read_bytes()
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"splats {shown(path)}: {reason}; give the path of a readable .ply file") from error
 
 
 def _header(path: Path, data: bytes) -> tuple[int, np.dtype, int]:
     """Number of Gaussians, type of a row, offset of the first row."""
     head, end, _ = data.partition(b"end_header\n")
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    if not end or lines[:1] != [["ply"]] or ["format", "binary_little_endian", "1.0"] not in lines:
-        raise InputError(f"splats {path}: is no binary little-endian .ply; export it as one")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()] if end else []
+    if lines[:1] != [["ply"]] or ["format", "binary_little_endian", "1.0"] not in lines:
+        raise InputError(f"splats {shown(path)}: is no binary little-endian .ply; export it as one")
     elements = [line for line in lines if line[:1] == ["element"]]
     properties = [line for line in lines if line[:1] == ["property"]]
-    if not elements or elements[0][1] != "vertex" or not elements[0][2].isdigit() or len(elements) > 1:
-        raise InputError(f"splats {path}: must hold one element, the vertices; export Gaussians, not a mesh")
+    if len(elements) != 1 or not re.fullmatch("element vertex [0-9]{1,10}", " ".join(elements[0])):
+        raise InputError(f"splats {shown(path)}: must hold one element, the vertices, and their number; export Gaussians, not a mesh")
     names = [line[-1] for line in properties]
     missing = [name for name in FIELDS if name not in names and name not in ("nx", "ny", "nz")]
     if missing or any(len(line) != 3 or line[1] not in _TYPES for line in properties):
-        raise InputError(f"splats {path}: has no {' '.join(missing) or 'plain scalar properties'}; export Gaussians in the 3DGS layout")
+        raise InputError(f"splats {shown(path)}: has no {' '.join(missing) or 'plain scalar properties'}; export Gaussians in the 3DGS layout")
+    if len(set(names)) < len(names) or len(names) > MAX_PROPERTIES:
+        raise InputError(f"splats {shown(path)}: has a property twice or more than {MAX_PROPERTIES}; export Gaussians in the 3DGS layout")
     return int(elements[0][2]), np.dtype([(line[2], "<" + _TYPES[line[1]]) for line in properties]), len(head) + len(end)

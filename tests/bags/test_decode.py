@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
+import zlib
 
 import cv2
 import numpy as np
@@ -97,3 +99,63 @@ def test_compressed_depth_of_32fc1_is_the_inverse_of_its_quantisation() -> None:
 def test_data_that_is_no_picture_is_refused_with_its_format(format: str, data: bytes) -> None:
     with pytest.raises(InputError, match=repr(format)[1:-1]):
         decode_compressed(format, data)
+
+
+def test_a_step_of_gigabytes_allocates_nothing() -> None:
+    tracemalloc.start()
+    assert decode_image("rgb8", 1, 1, 2**31, 0, bytes(3)).shape == (1, 1, 3)
+    with pytest.raises(InputError, match="need more"):
+        decode_image("rgb8", 2, 1, 2**31, 0, bytes(6))
+    with pytest.raises(InputError, match="at most 33554432 pixels"):
+        decode_image("mono8", 2**16, 2**16, 0, 0, bytes(6))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
+
+
+def test_the_last_row_may_lack_its_padding() -> None:
+    padded = np.pad(RGB.reshape(5, 21), ((0, 0), (0, 11)), constant_values=77)
+    np.testing.assert_array_equal(decode_image("rgb8", 5, 7, 32, 0, padded.tobytes()[:-11]), RGB)
+    depth = np.pad(np.arange(6, dtype="<u2").reshape(2, 3).view(np.uint8), ((0, 0), (0, 5)))
+    np.testing.assert_allclose(decode_image("16UC1", 2, 3, 11, 0, depth.tobytes()[:-5]), [[0, 0.001, 0.002], [0.003, 0.004, 0.005]], rtol=1e-6)
+
+
+def declaring(suffix: str, width: int, height: int) -> bytes:
+    """A picture whose header names another size."""
+    data = cv2.imencode(suffix, RGB)[1].tobytes()
+    if suffix == ".png":
+        chunk = b"IHDR" + struct.pack(">II", width, height) + data[24:29]
+        return data[:12] + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:]
+    if suffix == ".jpg":
+        at = data.index(b"\xff\xc0")
+        return data[: at + 5] + struct.pack(">HH", height, width) + data[at + 9 :]
+    if suffix == ".bmp":
+        return data[:18] + struct.pack("<ii", width, height) + data[26:]
+    return f"P6 {width} {height} 255 ".encode() + data
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".ppm"])
+def test_a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded(suffix: str) -> None:
+    with pytest.raises(InputError, match=r"at most 33554432 pixels|cannot be decoded") as caught:
+        decode_compressed("jpeg", declaring(suffix, 30_000, 30_000))
+    assert suffix in (".bmp", ".ppm") or "30000x30000 px" in str(caught.value)
+
+
+def test_a_jpeg_of_endless_scans_is_refused() -> None:
+    data = cv2.imencode(".jpg", RGB, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    assert decode_compressed("jpeg", data).shape == RGB.shape
+    scan = data[data.index(b"\xff\xda") : data.index(b"\xff\xda", data.index(b"\xff\xda") + 2)]
+    with pytest.raises(InputError, match="cannot be decoded"):
+        decode_compressed("jpeg", data[:-2] + 200 * scan + data[-2:])
+
+
+def test_compressed_depth_of_colours_is_refused() -> None:
+    png = cv2.imencode(".png", RGB)[1].tobytes()
+    with pytest.raises(InputError, match="one channel of 16 bits"):
+        decode_compressed("32FC1; compressedDepth png", bytes(12) + png)
+
+
+def test_an_encoding_of_thousands_of_characters_is_not_printed_whole() -> None:
+    with pytest.raises(InputError) as caught:
+        decode_image("x" * 5000, 2, 2, 4, 0, bytes(8))
+    assert len(str(caught.value)) < 300

@@ -9,7 +9,8 @@ import pytest
 
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
-from diffphys_ros.nodes.clip_topics import ClipBuffer, clip_messages, mask_messages, slot_stamps
+from diffphys_ros.nodes.clip_buffer import ClipBuffer
+from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.types import Clip
 

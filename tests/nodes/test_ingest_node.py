@@ -13,8 +13,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.nodes.clip_buffer import ClipBuffer
 from diffphys_ros.nodes.clip_stage import CLIP
-from diffphys_ros.nodes.clip_topics import ClipBuffer
 from diffphys_ros.nodes.convert import message_class, to_ros
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.qos import latched, profile, sensor
@@ -92,14 +92,14 @@ def test_the_service_ends_the_clip_and_what_comes_later_is_counted_as_dropped(ca
     c = camera(silence_s=1000.0)
     assert not c.call("end").success  # nothing there yet
     c.publish(made_clip, range(len(made_clip)))
-    c.until(lambda: len(c.node.images) == len(made_clip))
+    c.until(lambda: c.node.collected == len(made_clip))
     assert c.call("end").success
     c.until(lambda: c.node.state == "done")
     c.publish(made_clip, range(3))
     c.until(lambda: c.node.health()["dropped"] == 3)
     assert c.call("reset").success
     c.publish(made_clip, range(5))
-    c.until(lambda: len(c.node.images) == 5)
+    c.until(lambda: c.node.collected == 5)
 
 
 def test_a_recording_that_starts_over_ends_the_clip(camera, made_clip):
@@ -110,7 +110,7 @@ def test_a_recording_that_starts_over_ends_the_clip(camera, made_clip):
     c.publish(slow, range(len(slow)))
     c.publish(slow, range(1))
     c.until(lambda: c.node.state == "done")
-    assert len(c.node.images) == len(slow)
+    assert c.node.collected == len(slow)
 
 
 def test_a_camera_without_focal_length_is_refused_with_a_sentence(camera, made_clip):

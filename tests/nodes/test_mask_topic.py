@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import signal
 import time
 
 import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.msg_schemas import TOPICS, messages
-from diffphys_ros.nodes.clip_stage import CLIP, MASK
-from diffphys_ros.nodes.clip_topics import ClipBuffer
+from diffphys_ros.nodes.clip_buffer import MASK, ClipBuffer
+from diffphys_ros.nodes.clip_stage import CLIP
 from diffphys_ros.nodes.convert import message_class
 from diffphys_ros.nodes.qos import profile
 from diffphys_ros.segment import label_clip
@@ -113,3 +115,34 @@ def test_a_recorded_mask_topic_reaches_the_segmenter_from_the_bag(bag, expected,
         domain.node("ingest_node", bag=bag, topics__mask=SEGMENTER)
         assert_as_in_one_process(received(domain), expected)
         assert domain.end_all() == dict.fromkeys(domain.running, 0)
+
+
+def test_a_second_clip_goes_through_the_same_nodes(bag, tmp_path):
+    with Domain(tmp_path) as domain:
+        domain.node("segment_node", **SETTINGS)
+        domain.node("ingest_node", reliability="reliable", silence_s=3.0)
+        for number in (1, 2):
+            domain.start(f"camera{number}", "-m", "diffphys_ros.nodes.replay", str(bag), "--mask", SEGMENTER)
+            until = time.monotonic() + PATIENCE_S
+            while domain.said("segment_node").count("published 12 label images") < number:
+                assert time.monotonic() < until, "\n".join(domain.said(name) for name in domain.running)
+                time.sleep(0.1)
+            assert domain.end(f"camera{number}", signal.SIGINT) == 0
+            assert called(domain, "/ingest_node/reset").success
+        assert "waiting for" not in domain.said("segment_node").partition("published 12")[2]
+
+
+def called(domain: Domain, service: str):
+    """The answer of a service."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(domain.environment["ROS_DOMAIN_ID"]))
+    node, executor = rclpy.create_node("person", context=context), SingleThreadedExecutor(context=context)
+    client = node.create_client(Trigger, service)
+    assert client.wait_for_service(PATIENCE_S)
+    future = client.call_async(Trigger.Request())
+    executor.add_node(node)
+    executor.spin_until_future_complete(future, PATIENCE_S)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+    return future.result()

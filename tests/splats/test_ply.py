@@ -89,6 +89,12 @@ def broken(data):
         "one element": data.replace(b"element vertex", b"element face"),
         "must be \\(G, 17\\)": data.replace(b"vertex 5", b"vertex 0"),
         "no .*end|no binary": head,
+        "and their number": data.replace(b"element vertex 5", b"element vertex"),
+        "their number; export": data.replace(b"element vertex 5", b"element"),
+        "one element, the vertices, and": data.replace(b"vertex 5", b"vertex " + b"9" * 5000),
+        "ends after 5 of 9999999999": data.replace(b"vertex 5", b"vertex 9999999999"),
+        "a property twice": data.replace(b"property float nx", b"property float x"),
+        "more than 256": data.replace(b"end_header", b"".join(b"property float f_%d\n" % k for k in range(300)) + b"end_header"),
     }
 
 
@@ -120,3 +126,37 @@ def test_an_unwritable_place_leaves_nothing_behind(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         ply.write(tmp_path / "is_a_folder.ply", random_splats(5))
     assert os.listdir(tmp_path) == ["is_a_folder.ply"]
+
+
+@pytest.mark.parametrize(("field", "value"), [("scale_1", 200.0), ("scale_0", -80.0), ("x", 2e6), ("z", -1e30)])
+def test_a_place_or_a_scale_out_of_bounds_is_refused(field, value):
+    raw = ply.to_raw(random_splats(5))
+    raw[2, ply.FIELDS.index(field)] = value
+    with pytest.raises(InputError, match=r"row 2 lies beyond 1e\+06 m or has a scale outside 1e-18 .. 1e\+06 m"):
+        ply.from_raw(raw)
+
+
+@pytest.mark.parametrize("logit", [-1e38, -800.0, 800.0, 1e38])
+@pytest.mark.filterwarnings("error")
+def test_extreme_opacities_are_0_or_1(logit):
+    raw = ply.to_raw(random_splats(5))
+    raw[4, ply.FIELDS.index("opacity")] = logit
+    assert ply.from_raw(raw).opacity[4] == (logit > 0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_doubles_that_no_float_holds_are_refused(tmp_path):
+    rows = np.zeros(1, [(n, "<f8") for n in ply.FIELDS])
+    rows["rot_0"], rows["x"] = 1, 1e300
+    header = ["ply", "format binary_little_endian 1.0", "element vertex 1", *(f"property double {n}" for n in ply.FIELDS), "end_header", ""]
+    (tmp_path / "d.ply").write_bytes("\n".join(header).encode() + rows.tobytes())
+    with pytest.raises(InputError, match="row 0 holds a number that is not finite"):
+        ply.read(tmp_path / "d.ply")
+
+
+@pytest.mark.timeout(20)
+def test_what_is_no_file_is_named(tmp_path):
+    os.mkfifo(tmp_path / "pipe.ply")
+    for path in (tmp_path / "pipe.ply", tmp_path, tmp_path / "a\0b.ply"):
+        with pytest.raises(InputError, match=r"no regular file|null byte"):
+            ply.read(path)

@@ -1,0 +1,115 @@
+"""What a message of a clip must be: looked at before it is kept, so that a bad one costs itself alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from diffphys_ros.bags.camera import camera_from_info, pose_in_root
+from diffphys_ros.bags.decode import check_image, decode_image, is_depth
+from diffphys_ros.bags.read import decoded, edge
+from diffphys_ros.errors import InputError, short
+from diffphys_ros.types import Camera
+
+from .limits import MAX_FRAMES
+
+LABEL_ENCODINGS = ("mono8", "8UC1")
+
+
+def check(topic: str, message: Any) -> None:
+    """Raises InputError, naming the topic, where a message of clip/* cannot be part of a clip."""
+    _CHECKS[topic](message, topic)
+
+
+def check_colour(message: Any, topic: str) -> None:
+    """Raises InputError where a sensor_msgs/Image is no colour image."""
+    _check(message, topic)
+    if is_depth(message.encoding):
+        raise InputError(f"topic {topic}: encoding is {short(message.encoding)}, must be a colour such as rgb8; publish colour images")
+
+
+def check_depth(message: Any, topic: str) -> None:
+    """Raises InputError where a sensor_msgs/Image is neither a depth image nor empty."""
+    if message.height and not is_depth(message.encoding):
+        raise InputError(f"topic {topic}: encoding is {short(message.encoding)}, must be 16UC1 or 32FC1; publish depth images")
+    _check(message, topic, empty=True)
+
+
+def check_labels(message: Any, topic: str) -> None:
+    """Raises InputError where a sensor_msgs/Image is no label image."""
+    if message.encoding not in LABEL_ENCODINGS:
+        raise InputError(f"topic {topic}: encoding is {short(message.encoding)}, must be mono8; publish label images")
+    _check(message, topic)
+
+
+def labels_of(message: Any, topic: str) -> np.ndarray:
+    """Label image uint8 (H, W) of a sensor_msgs/Image. Raises InputError, naming the topic, where it is none."""
+    check_labels(message, topic)
+    return np.ascontiguousarray(decoded(message, "topics", topic)[..., 0])
+
+
+def colour_of(message: Any, topic: str) -> np.ndarray:
+    """RGB uint8 (H, W, 3) of a sensor_msgs/Image. Raises InputError, naming the topic, where it is none."""
+    check_colour(message, topic)
+    return decoded(message, "topics", topic)
+
+
+def array_of(message: Any) -> np.ndarray:
+    """RGB uint8 (H, W, 3) or depth [m] float32 (H, W) of a sensor_msgs/Image. Raises InputError."""
+    return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
+
+
+def camera_of(info: Any, pose: Any) -> Camera:
+    """The camera of clip/camera_info and clip/camera_pose. Raises InputError where they make none."""
+    frame_id = info.header.frame_id
+    child, (parent, matrix) = edge(pose)
+    known, root = pose_in_root({} if child == parent else {child: (parent, matrix)}, frame_id)
+    return camera_from_info(info.k, info.d, info.width, info.height, frame_id, known, root)
+
+
+def _check(message: Any, topic: str, *, empty: bool = False) -> None:
+    if empty and not message.height:
+        return
+    try:
+        check_image(message.encoding, message.height, message.width, message.step, len(message.data))
+    except InputError as error:
+        raise InputError(f"topic {topic}: {error}") from error
+
+
+def _check_first_mask(message: Any, topic: str) -> None:
+    if message.height:
+        check_labels(message, topic)
+
+
+def _check_info(message: Any, topic: str) -> None:
+    try:
+        camera_from_info(message.k, message.d, message.width, message.height, message.header.frame_id)
+    except InputError as error:
+        raise InputError(f"topic {topic}: {error}") from error
+    if not message.width or not message.height:
+        raise InputError(f"topic {topic}: is for {message.width}x{message.height} px, must be for the size of clip/image; fill in width and height")
+
+
+def _check_pose(message: Any, topic: str) -> None:
+    try:
+        edge(message)
+    except InputError as error:
+        raise InputError(f"topic {topic}: {error}") from error
+
+
+def _check_end(message: Any, topic: str) -> None:
+    if not 0 < message.data <= MAX_FRAMES:
+        raise InputError(f"topic {topic}: announces {message.data} images, must be 1 .. {MAX_FRAMES}; publish the number of clip/image messages")
+
+
+_CHECKS: dict[str, Callable[[Any, str], None]] = {
+    "clip/camera_info": _check_info,
+    "clip/camera_pose": _check_pose,
+    "clip/first_mask": _check_first_mask,
+    "clip/image": check_colour,
+    "clip/depth": check_depth,
+    "clip/mask": check_labels,
+    "clip/end": _check_end,
+}

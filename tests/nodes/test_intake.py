@@ -1,0 +1,177 @@
+"""Claims about what ingest_node collects: bounded, and not spoilt by single messages."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from diffphys_ros import config
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.convert import stamp_ns, to_ros
+from diffphys_ros.nodes.ingest_node import IngestNode
+from diffphys_ros.nodes.intake import MAX_LINKS, SPARE, Intake, clip_of
+
+MIB = 2**20
+PERIOD_NS = 33_333_333
+
+
+def image(pixels, encoding: str, stamp: int, /, **changes):
+    return to_ros("sensor_msgs/msg/Image", messages.image(messages.header(stamp, "camera_optical"), pixels, encoding) | changes)
+
+
+def colour(clip, k: int):
+    return image(clip.frames[k], "rgb8", clip.start_ns + k * PERIOD_NS)
+
+
+def depth(clip, k: int, after_ns: int = 0, metres: float = 0.5):
+    return image(np.full(clip.frames.shape[1:3], metres, np.float32), "32FC1", clip.start_ns + k * PERIOD_NS + after_ns)
+
+
+def info_of(clip, **changes):
+    return to_ros("sensor_msgs/msg/CameraInfo", messages.camera_info(messages.header(0, "camera_optical"), clip.camera) | changes)
+
+
+def link(child: str, parent: str):
+    return to_ros("geometry_msgs/msg/TransformStamped", {"header": messages.header(0, parent), "child_frame_id": child})
+
+
+def known() -> bool:
+    return False
+
+
+def test_depth_without_colour_is_kept_as_far_as_it_may_be_needed(made_clip) -> None:
+    intake = Intake(1200, 64 * MIB)
+    for k in range(5000):
+        intake.take_depth(depth(made_clip, k))
+    assert len(intake.depths) <= SPARE
+    assert stamp_ns(intake.depths[-1]) == made_clip.start_ns + 4999 * PERIOD_NS
+
+
+def test_large_images_beside_are_bounded_in_bytes() -> None:
+    intake = Intake(1200, MIB)
+    for k in range(50):
+        intake.take_depth(image(np.zeros((300, 300), np.float32), "32FC1", k))
+        intake.take_mask(image(np.zeros((600, 600), np.uint8), "mono8", k))
+    assert sum(len(m.data) for m in intake.depths) <= MIB
+    assert sum(len(m.data) for m in intake.masks) <= MIB
+    assert intake.depths
+    assert intake.masks
+
+
+def test_depth_at_thrice_the_rate_leaves_every_frame_its_own(made_clip) -> None:
+    intake = Intake(1200, 64 * MIB)
+    for k in range(150):
+        for third in (-1, 0, 1):
+            intake.take_depth(depth(made_clip, k, third * PERIOD_NS // 3, 0.5 + 0.1 * third))
+        intake.take_image("image", image(made_clip.frames[0], "rgb8", made_clip.start_ns + k * PERIOD_NS))
+    intake.take_info(info_of(made_clip), fov_known=known)
+    assert len(intake.depths) <= 150 + SPARE
+    clip, _ = clip_of(intake, config.build({}))
+    assert (clip.depth == np.float32(0.5)).all()
+
+
+def test_the_mask_nearest_to_the_first_image_is_used_whenever_it_comes(made_clip) -> None:
+    intake = Intake(1200, 64 * MIB)
+    for k in (-3, -1, 2):
+        if k == 2:
+            intake.take_image("image", colour(made_clip, 0))
+        intake.take_mask(image(np.full((48, 64), k + 10, np.uint8), "mono8", made_clip.start_ns + k * PERIOD_NS))
+    assert [m.data[0] for m in intake.masks] == [9]
+
+
+def test_a_clip_is_full_before_its_listeners_would_have_to_drop_it(made_clip) -> None:
+    intake = Intake(1200, MIB)
+    for k in range(1000):
+        if intake.full:
+            break
+        intake.take_image("image", colour(made_clip, k % len(made_clip)))
+    frames = len(intake.images)
+    assert frames == MIB // (64 * 48 * 8)
+    assert frames * (64 * 48 * (3 + 4 + 1)) <= MIB
+
+
+def test_bad_images_among_good_ones_cost_themselves_alone(made_clip) -> None:
+    intake = Intake(1200, 64 * MIB)
+    intake.take_info(info_of(made_clip), fov_known=known)
+    intake.take_image("image", image(np.zeros((1, 1, 3), np.uint8), "rgb8", made_clip.start_ns - PERIOD_NS))
+    for k in range(len(made_clip)):
+        for changes in ({"height": 400}, {"encoding": "bayer_rggb8"}, {"width": 0}):
+            with pytest.raises(InputError, match="topic image"):
+                intake.take_image("image", image(made_clip.frames[k], "rgb8", made_clip.start_ns, **changes))
+        intake.take_image("image", colour(made_clip, k))
+    clip, _ = clip_of(intake, config.build({}))
+    np.testing.assert_array_equal(clip.frames, made_clip.frames)
+    assert any("1 of 13 images were left out" in note for note in clip.notes)
+
+
+def test_an_unusable_camera_info_does_not_take_the_place_of_a_good_one(made_clip) -> None:
+    intake = Intake(1200, 64 * MIB)
+    for changes, refused in (({"k": np.zeros(9)}, True), ({}, False), ({"k": np.full(9, np.nan)}, True), ({"width": 640, "height": 480}, False)):
+        with pytest.raises(InputError, match="topic camera_info") if refused else nullcontext():
+            intake.take_info(info_of(made_clip, **changes), fov_known=known)
+    for k in range(len(made_clip)):
+        intake.take_image("image", colour(made_clip, k))
+    clip, _ = clip_of(intake, config.build({}))
+    np.testing.assert_array_equal(clip.camera.pixel_from_camera, made_clip.camera.pixel_from_camera)
+
+
+def test_a_transform_that_closes_a_circle_or_has_no_rotation_is_refused() -> None:
+    intake = Intake(1200, MIB)
+    intake.take_link(link("camera", "arm"))
+    intake.take_link(link("arm", "world"))
+    with pytest.raises(InputError, match="circle"):
+        intake.take_link(link("world", "camera"))
+    broken = link("camera", "world")
+    broken.transform.rotation.w = 0.0
+    with pytest.raises(InputError, match="quaternion"):
+        intake.take_link(broken)
+    assert {child: each.header.frame_id for child, each in intake.links.items()} == {"camera": "arm", "arm": "world"}
+
+
+def test_the_transform_tree_is_bounded() -> None:
+    intake = Intake(1200, MIB)
+    intake.links = {str(k): link(str(k), "world") for k in range(MAX_LINKS)}
+    with pytest.raises(InputError, match="1000 links"):
+        intake.take_link(link("one more", "world"))
+
+
+def ended(node: IngestNode) -> str:
+    """The clip's end is asked for; the state when the worker is done."""
+    assert node._on_end(Trigger.Request(), Trigger.Response()).success
+    while node.worker.busy:
+        node._poll()
+    return node.state
+
+
+def test_a_clip_that_fails_does_not_keep_the_next_one_out(make_node, made_clip) -> None:
+    node = make_node(IngestNode)
+    node._on_info(info_of(made_clip))
+    node.intake.take_link(link("camera_optical", "world"))
+    node._on_image("image", colour(made_clip, 0))
+    assert ended(node) == "failed"
+    for k in range(len(made_clip)):
+        node._on_image("image", colour(made_clip, k))
+    assert ended(node) == "done"
+
+
+def test_reset_keeps_camera_and_transforms_which_are_not_sent_again(make_node, made_clip) -> None:
+    node, published = make_node(IngestNode), []
+    done = node.on_done
+    node.on_done = lambda result: (published.append(result[0]), done(result))
+    node._on_info(info_of(made_clip))
+    node.intake.take_link(link("camera_optical", "world"))
+    for _ in range(2):
+        for k in range(len(made_clip)):
+            node._on_image("image", colour(made_clip, k))
+        assert ended(node) == "done"
+        assert node._on_reset(Trigger.Request(), Trigger.Response()).success
+    assert [clip.camera.world_frame_id for clip in published] == ["world", "world"]
+
+
+def test_bounds_out_of_range_end_a_node_that_starts(make_node) -> None:
+    with pytest.raises(InputError, match="max_frames is -1, must be in 2"):
+        make_node(IngestNode, max_frames=-1)

@@ -1,0 +1,145 @@
+"""Claims about what a node does with a callback that fails."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import UInt32
+from std_srvs.srv import Trigger
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.net import MAX_WORDS, Net, sentence_of
+from diffphys_ros.nodes.stage import StageNode
+
+from .processes import PATIENCE_S
+
+
+class Fragile(StageNode):
+    """Fails in every kind of callback."""
+
+    def __init__(self) -> None:
+        self.heard, self.ticks = [], 0
+        super().__init__("fragile_node")
+        self.create_subscription(UInt32, "number", self._on_number, 10)
+        self.create_service(Trigger, "~/bad", self._on_bad)
+        self.create_timer(0.05, self._on_tick)
+
+    def _on_number(self, message) -> None:
+        if message.data == 1:
+            raise InputError("number is 1, must be another; send 2")
+        if message.data == 3:
+            raise ZeroDivisionError("a bug")
+        self.heard.append(message.data)
+
+    def _on_bad(self, request, response):
+        raise KeyError("forgotten")
+
+    def _on_tick(self) -> None:
+        self.ticks += 1
+        raise InputError("the timer has no input")
+
+    def on_done(self, result) -> None:
+        raise ValueError("a result that cannot be sent")
+
+
+class Words:
+    """A logger that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def error(self, words: str) -> None:
+        self.said.append(words)
+
+
+@pytest.fixture
+def world(make_node):
+    node = make_node(Fragile)
+    other, executor = rclpy.create_node("other"), SingleThreadedExecutor()
+    for each in (node, other):
+        executor.add_node(each)
+
+    def until(condition) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+
+    yield node, other, until
+    executor.shutdown()
+    other.destroy_node()
+
+
+def test_a_callback_that_fails_costs_its_message_alone_and_diagnostics_say_so(world) -> None:
+    node, other, until = world
+    health: list[DiagnosticArray] = []
+    other.create_subscription(DiagnosticArray, "/diagnostics", health.append, 10)
+    numbers = other.create_publisher(UInt32, "number", 10)
+    until(numbers.get_subscription_count)
+    for number in (1, 2):
+        numbers.publish(UInt32(data=number))
+    until(lambda: node.heard == [2])
+    until(lambda: health and health[-1].status[0].level == bytes([messages.WARN]))
+    for number in (3, 4):
+        numbers.publish(UInt32(data=number))
+    until(lambda: node.heard == [2, 4])
+    until(lambda: health[-1].status[0].level == bytes([messages.ERROR]))
+    values = messages.values_of(health[-1].status[0])
+    assert (int(values["refused"]) >= 1, values["faults"]) == (True, "1")
+    assert values["last_error"] == "number: error of the program: ZeroDivisionError: a bug"
+
+
+def test_a_timer_that_fails_ticks_on(world) -> None:
+    node, _, until = world
+    until(lambda: node.ticks > 5)
+
+
+def test_a_service_that_fails_answers(world) -> None:
+    _node, other, until = world
+    client = other.create_client(Trigger, "/fragile_node/bad")
+    until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    until(future.done)
+    assert not future.result().success
+    assert "KeyError" in future.result().message
+
+
+def test_a_result_that_cannot_be_published_is_a_failure(world) -> None:
+    node, _, until = world
+    node.worker.start(lambda: iter(()))
+    until(lambda: node.state == "failed")
+    assert node.worker.start(lambda: iter(()))
+
+
+def test_a_flood_of_bad_messages_is_no_flood_of_words() -> None:
+    words = Words()
+    net = Net(lambda: words)
+    for k in range(10_000):
+        net.catch(InputError(f"number {k} is bad"), "number")
+        net.catch(InputError(f"depth {k} is bad"), "depth")
+    assert words.said == ["number 0 is bad", "depth 0 is bad"]
+    assert net.refused == 20_000
+    assert len(net._said) == 2
+
+
+def test_an_error_of_the_program_is_logged_with_its_traceback() -> None:
+    words = Words()
+    net = Net(lambda: words)
+
+    def broken(message) -> None:
+        raise IndexError("nothing there")
+
+    net.around(broken, "depth")(UInt32())
+    assert "in broken" in words.said[0]
+    assert "IndexError: nothing there" in words.said[0]
+
+
+def test_a_sentence_is_one_printable_line_of_bounded_length() -> None:
+    sentence = sentence_of(InputError("a\nb\0" + "x" * 5000))
+    assert sentence.isprintable()
+    assert len(sentence) == MAX_WORDS
