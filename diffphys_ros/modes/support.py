@@ -77,8 +77,9 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
         sigma = max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(coordinates.shape[1]))
         keep = rows.usable & (misfit < FORCED_SIGMA * sigma)
         keep[start + 4 :] |= rows.usable[start + 4 :] & (misfit[start + 4 :] < LATE_SIGMA * sigma)
-    glitch = _glitches(rows.usable & ~keep, rows.target - rows.source @ matrix)
-    forced = _frames(_followed(rows.usable & ~keep & ~glitch, rows.usable & (misfit > FAINT_SIGMA * sigma) & ~glitch), len(coordinates))
+    glitch = _glitches(rows.usable & ~keep, rows.target - rows.source @ matrix, rows.usable)
+    faint = rows.usable & (misfit > FAINT_SIGMA * sigma)
+    forced = _frames(_followed(rows.usable & ~keep & ~glitch, faint & ~glitch, rows.usable), len(coordinates))
     tail = np.flatnonzero(forced)[-1] + 2 if forced.any() else 0
     frequencies, decays = _oscillation(matrix, coordinates[tail:], period_s)
     sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
@@ -143,21 +144,24 @@ def _tail_start(rows: _Rows) -> int | None:
     return starts[0]
 
 
-def _glitches(forced_rows: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Short runs whose residuals change sign from row to row: a frame that was seen wrongly, not pushed."""
+def _glitches(forced_rows: np.ndarray, residual: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Short runs whose residuals change sign from row to row: a frame that was seen wrongly, not pushed. A run beside a lost frame may be
+    the rest of a longer one."""
     found = np.zeros_like(forced_rows)
     for first, last in _runs(forced_rows):
         run = residual[first : last + 1]
-        if len(run) <= GLITCH_ROWS and ((run[1:] * run[:-1]).sum(1) < 0).all():
+        if usable[max(first - 1, 0) : last + 2].all() and len(run) <= GLITCH_ROWS and ((run[1:] * run[:-1]).sum(1) < 0).all():
             found[first : last + 1] = True
     return found
 
 
-def _followed(strong: np.ndarray, faint: np.ndarray) -> np.ndarray:
-    """The runs of `faint` equations that hold at least two strong ones in a row."""
+def _followed(strong: np.ndarray, faint: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """The runs of `faint` equations that hold at least two strong ones in a row. Equations with a lost frame say nothing: runs go on
+    through them, and what they hide beside a force may be one."""
     grown = np.zeros_like(strong)
-    for first, last in _runs(strong | faint):
-        if (strong[first:last] & strong[first + 1 : last + 1]).any():
+    for first, last in _runs(strong | faint | ~usable):
+        told = strong[first : last + 1][usable[first : last + 1]]
+        if (told[:-1] & told[1:]).any():
             grown[first : last + 1] = True
     return grown
 

@@ -101,3 +101,23 @@ def test_frames_that_do_not_tell_a_frequency_are_no_free_tail_and_more_of_them_a
     assert free == {(9, 1.5e-3): 0, (9, 2e-5): 1, (FRAMES, 2e-5): 1}
     assert error[9, 1.5e-3] > 0.05
     assert max(error[9, 2e-5], error[FRAMES, 2e-5]) < 0.01
+
+
+@pytest.mark.parametrize("lost", [[3, 7], [5], [4, 9, 20], [9, 10, 11], [24, 40]])
+@pytest.mark.parametrize("seed", range(2))
+def test_lost_frames_hide_no_forced_one(lost, seed):
+    known = KNOWN.copy()
+    known[lost] = False
+    q = swings(pulse(3, 11) + pulse(13, 23), seed=seed)  # almost no force between the two
+    q[lost] = q[np.array(lost) - 1]
+    found = np.flatnonzero(find_support(q, known, PERIOD_S, at_rest=True, noise_m=6e-5).forced)
+    assert set(range(4, 23)) <= set(found.tolist())
+    assert found[0] >= 0
+    assert found[-1] <= 27
+
+
+def test_lost_frames_in_the_tail_are_no_force():
+    known = KNOWN.copy()
+    known[[30, 31, 42, 50]] = False
+    found = np.flatnonzero(find_support(swings(pulse(3, 8)), known, PERIOD_S, at_rest=True, noise_m=6e-5).forced)
+    assert found[-1] <= 9
