@@ -60,11 +60,11 @@ def owned(folder: str | Path, *, files: Collection[str] = ()) -> Iterator[Path]:
 
 
 @contextmanager
-def replaced(folder: str | Path, files: Collection[str]) -> Iterator[Path]:
+def replaced(folder: str | Path, files: Collection[str], *, then: str = "") -> Iterator[Path]:
     """Replace the set of `files` of a folder that this process owns: write the new ones into the folder that the context gives.
 
     They take the place of all of `files` when the context ends, and nothing changes where it raises. Raises InputError where the
-    disc is full.
+    disc is full; `then` ends its sentence.
     """
     folder = check_writable(folder)
     staging = folder / STAGING
@@ -81,7 +81,7 @@ def replaced(folder: str | Path, files: Collection[str]) -> Iterator[Path]:
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError):
             raise
-        raise InputError(f"output folder {folder}: {_words(cause)}; what it held before is untouched: free space or choose another folder") from error
+        raise InputError(f"output folder {folder}: {_words(cause)}; what it held before is untouched: free space or choose another folder{then}") from error
     finally:
         _remove(staging)
     _publish(folder)

@@ -14,15 +14,19 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from . import result, store
+from . import folder as folders
+from . import result, shapes, store
 from .errors import InputError
 
 ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
 FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
 NEIGHBOURS = 4  # of the inverse-distance interpolation between points and truth vertices
 
-_TRUTH = ("rest_vertices", "positions", "part_E", "vertex_E", "vertex_part", "interface", "vertex_volume", "clamped", "force_density")
-_RECOVERY = ("points", "young", "force", "trajectory")
+_TRUTH = {
+    "rest_vertices": "number V 3", "positions": "number T V 3", "part_E": "number n", "vertex_E": "number V", "vertex_part": "whole V", "interface": "truth V",
+    "vertex_volume": "number V", "clamped": "truth V", "force_density": "number T V 3",
+}  # fmt: skip
+_RECOVERY = {name: shapes.RECOVERY[name] for name in ("points", "young", "force", "trajectory")}
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -37,8 +41,6 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n. Raises InputError for unreadable files.
     """
     recovery, truth = _read(recovery_npz, "recovery", _RECOVERY), _read(truth_npz, "truth", _TRUTH)
-    if recovery["points"].ndim != 2 or not np.isfinite(recovery["points"]).all():
-        raise InputError(f"recovery {recovery_npz}: points must be a finite (N, 3) array; recover the clip again")
     vertices, nearest = _match(truth, recovery["points"])
     return {
         **_score_young(truth, nearest, recovery["young"]),
@@ -48,9 +50,11 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
 
 
 def score_folder(folder: str | Path, truth_npz: str | Path) -> dict[str, object]:
-    """Scores the recovery.npz of a result folder and adds the figures to its metrics.json. Raises InputError."""
-    figures = score(Path(folder) / result.RECOVERY, truth_npz)
-    result.write_metrics(folder, result.read_metrics(folder) | figures)
+    """Scores the recovery.npz of a result folder and adds the figures to its metrics.json. Raises InputError, also where a run
+    still works in the folder."""
+    figures = score(folders.current(folder, result.RECOVERY), truth_npz)
+    with result.owned(folder):
+        result.write_metrics(folder, result.read_metrics(folder) | figures)
     return figures
 
 
@@ -64,11 +68,18 @@ def read_truth(path: str | Path) -> dict[str, np.ndarray]:
     return _read(path, "truth", _TRUTH)
 
 
-def _read(path: str | Path, what: str, needed: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _read(path: str | Path, what: str, needed: dict[str, str]) -> dict[str, np.ndarray]:
     arrays = store.read_arrays(path, what)
     missing = [name for name in needed if name not in arrays]
     if missing:
         raise InputError(f"{what} {path}: misses {', '.join(missing)}; give a {what}.npz that holds {', '.join(needed)}")
+    try:
+        sizes = shapes.check(arrays, needed)
+        shapes.require(min(sizes.values()) > 0, "an array is empty")
+        if what == "truth":
+            shapes.require((arrays["part_E"] > 0).all(), "part_E must be > 0")
+    except shapes.Misshapen as error:
+        raise InputError(f"{what} {path}: {error}; give the {what}.npz as it was written") from error
     return {name: arrays[name] for name in needed}
 
 

@@ -2,7 +2,7 @@
 
 A line is a kind and the lengths of the axes: "real T N 3". A letter stands for one length wherever it occurs; "?" before the kind means
 that the array may be absent. Kinds: real (finite floating point), gap (floating point that may be unknown), positive and amount (real > 0 and >= 0),
-number (real or whole), whole, truth, pixel (uint8), text.
+number (real or whole, finite), whole, truth, pixel (uint8), text.
 """
 
 from __future__ import annotations
@@ -168,7 +168,8 @@ def _check_one(name: str, array: np.ndarray, kind: str, axes: list[str], sizes: 
     if not fits:
         wanted = ", ".join(f"{axis} = {sizes[axis]}" if axis in sizes else axis for axis in axes)
         raise Misshapen(f"{name} is of shape {array.shape}, must be ({wanted})")
-    if array.dtype.kind not in _KINDS[kind] or (array.dtype.kind == "f" and array.itemsize not in (4, 8)) or (kind == "pixel" and array.itemsize != 1):
+    allowed = _KINDS[kind] + ("iu" if not axes else "")  # a whole number may stand for itself
+    if array.dtype.kind not in allowed or (array.dtype.kind == "f" and array.itemsize not in (4, 8)) or (kind == "pixel" and array.itemsize != 1):
         raise Misshapen(f"{name} is of {array.dtype}, must be {kind}")
     if kind in ("text", "truth", "pixel", "whole", "gap"):
         return

@@ -61,14 +61,15 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     return write_whole(path, write)
 
 
-def read_arrays(path: str | Path, what: str) -> dict[str, np.ndarray]:
-    """Every array of an .npz. Raises InputError where there is none or it is damaged; `what` says in words what was looked for."""
+def read_arrays(path: str | Path, what: str, *, cure: str = "write it again") -> dict[str, np.ndarray]:
+    """Every array of an .npz. Raises InputError where there is none or it is damaged; `what` says in words what was looked for, `cure`
+    what to do."""
     try:
         return npz.read(path)
     except FileNotFoundError as error:
         raise InputError(f"{what} {path}: no such file; give the path of an existing .npz") from error
     except npz.Damaged as error:
-        raise InputError(f"{what} {path}: not a readable .npz ({error}); write it again") from error
+        raise InputError(f"{what} {path}: not a readable .npz ({error}); {cure}") from error
 
 
 def save(path: str | Path, value: Any) -> Path:

@@ -33,7 +33,8 @@ def made_modes(recovery: Recovery) -> ModalProblem:
     shapes = {"rest": (count, 3), "young": (count,), "basis": (count, 3, modes), "load": (modes, 3), "force": (len(recovery.trajectory), 3)}
     vectors = dict.fromkeys(("initial_displacement", "initial_velocity"), (modes,))
     rng = np.random.default_rng(0)
-    return ModalProblem(**{f.name: rng.normal(size=(shapes | vectors).get(f.name, (modes, modes))) for f in dataclasses.fields(ModalProblem)})
+    drawn = {f.name: rng.normal(size=(shapes | vectors).get(f.name, (modes, modes))) for f in dataclasses.fields(ModalProblem)}
+    return ModalProblem(**drawn | {"young": recovery.young})
 
 
 @pytest.mark.parametrize("kind", ["points", "points in a force field", "modes"])
@@ -177,7 +178,8 @@ def made_prepared(made_clip: Clip) -> Prepared:
         "geometric": (modes, modes),
         "retuning": (modes, modes),
     }
-    model = ModalModel(**{f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)})
+    drawn = {f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)}
+    model = ModalModel(**drawn | {"tets": np.arange(10)[None], "part": np.ones(1, int), "reference": np.array([1e5, 2e4])})
     start = StartValues(
         young=np.array([1e5, 2e4]),
         log10_young_sd=np.array([0.02, 0.03]),
@@ -214,7 +216,7 @@ def made_prepared(made_clip: Clip) -> Prepared:
         True,
         {"density": "mass_kg"},
     )
-    return Prepared(made_clip, np.ones((2, 2), np.float32), "depth topic", tracks, body, start, model)
+    return Prepared(made_clip, np.ones(made_clip.frames.shape[1:3], np.float32), "depth topic", tracks, body, start, model)
 
 
 def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepared: Prepared) -> None:

@@ -28,6 +28,8 @@ def run(source: Clip | str | Path, settings: Settings, *, splats: Splats | None 
 
         yield Progress("reading", text=str(source))
         source = read_clip(source, settings)
+    if checkpoint is not None:
+        checkpoint.bind(source, settings)
     prepared = yield from prepare(source, settings)
     return (yield from _solved(prepared, settings, judge, splats, checkpoint))
 
@@ -35,6 +37,8 @@ def run(source: Clip | str | Path, settings: Settings, *, splats: Splats | None 
 def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None) -> Steps:
     """The part of the job that needs only torch, numpy, scipy and Warp."""
     judge = Judge.of(settings, device=pick_device(settings))
+    if checkpoint is not None:
+        checkpoint.bind(prepared.clip, settings)
     return (yield from _solved(prepared, settings, judge, None, checkpoint))
 
 

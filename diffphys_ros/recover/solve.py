@@ -144,7 +144,7 @@ def solve(
     count = len(problem.disc.particles.own)
     grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
     yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}")
-    stored = checkpoint.load(problem.layout.size)
+    stored = checkpoint.load(problem.layout.size, problem.layout.parts)
     state = yield from _search(problem, checkpoint, began, stored)
     trained = None if not fields_wanted(settings) else (yield from train(problem, state, began=began, checkpoint=checkpoint, stored=stored))
     yield Progress("result", text="final simulation and rendering")

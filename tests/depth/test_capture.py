@@ -126,7 +126,7 @@ def test_a_folder_without_a_capture_and_one_that_knows_nothing_of_the_object_are
     with pytest.raises(InputError, match=r"diffphys capture IMAGES --clip"):
         surface_depth(clip, of(tmp_path, depth__source="capture"))
     (tmp_path / FILE).write_bytes(b"PK\x03\x04 torn")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="not a readable .npz .*; make the capture again"):
         surface_depth(clip, of(tmp_path, depth__source="capture"))
     write(tmp_path, clip, depth=np.zeros((160, 240), np.float32))
     with pytest.raises(InputError, match="knows no depth on the object"):
