@@ -31,7 +31,7 @@ def write_recording(path: str | Path, messages: Iterable[Message]) -> Path:
     """
     path = Path(path)
     try:
-        scratch = Path(tempfile.mkdtemp(prefix=f".part-{path.stem}-", dir=path.parent))
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); give a place in a writable folder") from error
     try:

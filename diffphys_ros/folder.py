@@ -17,11 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
-from .store import PART
+from .store import remove_abandoned
 
 LOCK, STAGING, READY = ".lock", ".staging", ".ready"  # hidden names in a folder that is owned
 GONE = ".gone"  # in READY: names that the new set does not have, one a line
-_OLDER = re.compile(r"\.(recovery|metrics|summary|checkpoint)-[a-z0-9_]{8}(\.\w+)?")  # temporary files of versions before PART
+_OLDER = re.compile(r"\.(recovery|metrics|summary|checkpoint)-[a-z0-9_]{8}(\.\w+)?")  # unfinished files of versions before store.PART, and recordings
 
 
 def check_writable(folder: str | Path) -> Path:
@@ -126,8 +126,9 @@ def _settle(folder: Path) -> None:
     try:
         if (folder / READY).is_dir():
             _publish(folder)
+        remove_abandoned(folder)
         for path in folder.iterdir():
-            if path.name == STAGING or path.name.startswith(PART) or _OLDER.fullmatch(path.name):
+            if path.name == STAGING or _OLDER.fullmatch(path.name):
                 _remove(path)
     except OSError as error:
         raise InputError(f"output folder {folder}: {_words(error)}; choose another folder with --out") from error

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +31,9 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f"{PART}{path.stem}-", dir=path.parent)
-        os.close(handle)
+        handle, temporary = _begin(path)
     except (OSError, ValueError) as error:
         raise InputError(f"output {path}: {npz.in_words(error)}; choose a folder that can be written") from error
-    temporary = Path(name)
     try:
         write(temporary)
         temporary.chmod(0o666 & ~_umask())
@@ -42,7 +42,27 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
         raise InputError(f"output {path}: {error.strerror or error}; free space or choose another folder") from error
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
     return path
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what `write_whole` did not finish in a folder because its process was killed; a file that is being written stays."""
+    for path in folder.glob(f"{PART}*"):
+        with suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+def _begin(path: Path) -> tuple[int, Path]:
+    """An empty temporary file beside `path`, locked as long as the returned handle is open."""
+    while True:
+        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f"{PART}{path.stem}-", dir=path.parent)
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return handle, Path(name)
+        os.close(handle)  # taken for abandoned before it was locked
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
