@@ -64,7 +64,7 @@ def _read(name: str, setting: str, load: Callable[[], Any]) -> Any:
         raise InputError(f"{setting} {name!r}: there is no such folder; give one with config.json and model.safetensors, or a hub id")
     try:
         return load()
-    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
+    except Exception as error:  # whatever a damaged file makes transformers, safetensors and json raise
         reason = " ".join(str(error).split())[:160]
         raise InputError(
             f"{setting} {name!r}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"

@@ -14,6 +14,7 @@ import numpy as np
 
 from .types import Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
+LARGEST = 1e30  # magnitude of any quantity in SI units; its square is still a number
 MOST_NODES = 100_000_000  # of a grid
 Sizes = dict[str, int]
 
@@ -173,7 +174,7 @@ def _check_one(name: str, array: np.ndarray, kind: str, axes: list[str], sizes: 
         raise Misshapen(f"{name} is of {array.dtype}, must be {kind}")
     if kind in ("text", "truth", "pixel", "whole", "gap"):
         return
-    if not np.isfinite(array).all():
-        raise Misshapen(f"{name} is not finite everywhere")
+    if not (np.abs(array) <= LARGEST).all():
+        raise Misshapen(f"{name} must be finite and at most {LARGEST:g} everywhere")
     if (kind == "positive" and not (array > 0).all()) or (kind == "amount" and not (array >= 0).all()):
         raise Misshapen(f"{name} must be {'> 0' if kind == 'positive' else '>= 0'} everywhere")
