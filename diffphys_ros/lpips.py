@@ -16,6 +16,7 @@ import torch
 from torch.nn import functional
 
 from .errors import InputError
+from .npz import in_words
 
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of the published metric, for values -1..1
 MARGIN_PX = 16  # around the object that is compared
@@ -107,8 +108,7 @@ def _state(path: str | Path, setting: str) -> Mapping[str, Any]:
     except ModuleNotFoundError as error:
         raise InputError(f"{setting} {path}: needs the package safetensors; install diffphys_ros with the extra [models], or give the .pth file") from error
     except Exception as error:  # whatever a broken file makes the readers raise
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{setting} {path}: not a file of tensors ({reason}); {cure}") from error
+        raise InputError(f"{setting} {path}: not a file of tensors ({in_words(error)}); {cure}") from error
     if not isinstance(found, Mapping):
         raise InputError(f"{setting} {path}: holds a {type(found).__name__}, must be a dict of tensors by name; {cure}")
     return found

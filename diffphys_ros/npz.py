@@ -52,8 +52,9 @@ def open_regular(path: str | Path) -> BinaryIO:
 
 
 def in_words(error: BaseException) -> str:
-    """An error of a parser in one short line."""
-    words = " ".join((getattr(error, "strerror", None) or str(error)).split())
+    """An error of a parser in one short line that can be printed."""
+    words = "".join(c if c.isprintable() else " " for c in getattr(error, "strerror", None) or str(error))
+    words = " ".join(words.split())
     return (words if len(words) <= 100 else words[:97] + "...") or type(error).__name__
 
 

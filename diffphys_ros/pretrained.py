@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+from .npz import in_words
 
 
 def model_of(name: str, architectures: Mapping[str, str], *, setting: str, device: str) -> tuple[Any, Any]:
@@ -65,7 +66,6 @@ def _read(name: str, setting: str, load: Callable[[], Any]) -> Any:
     try:
         return load()
     except Exception as error:  # whatever a damaged file makes transformers, safetensors and json raise
-        reason = " ".join(str(error).split())[:160]
         raise InputError(
-            f"{setting} {name!r}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
+            f"{setting} {name!r}: no usable checkpoint ({in_words(error)}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
         ) from error

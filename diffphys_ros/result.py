@@ -95,7 +95,7 @@ def _simulation(z: dict[str, np.ndarray], path: Path) -> MpmProblem | ModalProbl
     """The initial value problem of a recovery.npz. Raises InputError, KeyError for an array that is missing."""
     engine = str(z["engine"])
     if engine not in PROBLEMS:
-        raise InputError(f"recovery {path}: engine {engine[:40]!r} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
+        raise InputError(f"recovery {path}: engine {engine[:40]!a} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
     kind = PROBLEMS[engine]
     names = {f.name: f"{engine}_{f.name}" for f in dataclasses.fields(kind)}
     optional = {f.name for f in dataclasses.fields(kind) if f.default is None}

@@ -33,6 +33,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "folder": {"errors", "store"},
     **dict.fromkeys(SHARED, GROUND),
     **dict.fromkeys(STAGES, GROUND | SHARED),
+    "pretrained": GROUND | {"npz"},
+    "lpips": GROUND | SHARED | {"npz"},
     **dict.fromkeys(("prior", "depth"), GROUND | SHARED | {"store"}),
     "splats": GROUND | SHARED | {"render", "losses"},
     **dict.fromkeys(LEAVES, GROUND),

@@ -124,7 +124,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     z = store.read_arrays(path, "checkpoint", cure=anew)
     version, digest = (str(z.pop(name, np.array("none"))) for name in (_VERSION, _DIGEST))
     if version != __version__:
-        raise InputError(f"checkpoint {path}: written by version {version[:40]!r} of diffphys_ros, must be {__version__!r}; {anew}")
+        raise InputError(f"checkpoint {path}: written by version {version[:40]!a} of diffphys_ros, must be {__version__!r}; {anew}")
     try:
         shapes.require(digest == _digest(z), "its arrays are not those that were written")
         sizes = shapes.check(z, _STATE)

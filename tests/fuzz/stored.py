@@ -39,14 +39,14 @@ def case(seed: int, folder: Path) -> str:
     """One spoiled file, given to the door that reads it."""
     rng = np.random.default_rng(seed)
     door = DOORS[str(rng.choice(list(DOORS), p=[0.25, 0.15, 0.25, 0.15, 0.05, 0.15]))]
-    name, whole, read = door
+    name, read = door
     path = folder / name
     if rng.random() < 0.02:
         odd_file(rng, path)
     elif rng.random() < 0.3:
-        path.write_bytes(spoiled_bytes(rng, whole()))
+        path.write_bytes(spoiled_bytes(rng, WHOLE[name]))
     else:
-        path.write_bytes(spoiled_members(rng, whole()) if name != "net.pth" else spoiled_weights(rng))
+        path.write_bytes(spoiled_members(rng, WHOLE[name]) if name != "net.pth" else spoiled_weights(rng))
     if rng.random() < 0.1:
         (folder / result.METRICS).write_bytes(spoiled_json(rng, {"notes": ["a"], "loss": [1.0, None]}))
     try:
@@ -54,6 +54,7 @@ def case(seed: int, folder: Path) -> str:
     except InputError as error:
         assert len(str(error).splitlines()) == 1, "more than a line"
         assert len(str(error)) < 600, "a long sentence"
+        assert str(error).isprintable(), "not printable"
         return "refused"
     return "taken"
 
@@ -92,9 +93,9 @@ def spoiled_members(rng: np.random.Generator, whole: bytes) -> bytes:
     with np.load(io.BytesIO(whole)) as file:
         arrays = {name: file[name] for name in file.files}
     raw: dict[str, bytes] = {}
-    for _ in range(rng.integers(1, 4)):
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         name = str(rng.choice(list(arrays)))
-        kind = rng.integers(8)
+        kind = rng.integers(10)
         if kind == 0 and len(arrays) > 1:
             del arrays[name]
         elif kind == 1:
@@ -102,7 +103,7 @@ def spoiled_members(rng: np.random.Generator, whole: bytes) -> bytes:
         elif kind == 2:
             raw[name] = spoiled_header(rng, arrays[name])
         elif kind == 3 and "outline" in arrays:
-            arrays["outline"] = np.array(spoiled_json(rng, json.loads(str(arrays["outline"]))).decode("utf-8", "replace"))
+            arrays["outline"] = np.array(spoiled_json(rng, json.loads(OUTLINE)).decode("utf-8", "replace"))
         elif kind == 4:
             raw[str(rng.choice([name, "x\n" * 400, "../up", ""]))] = bomb()
         else:
@@ -111,7 +112,7 @@ def spoiled_members(rng: np.random.Generator, whole: bytes) -> bytes:
 
 
 def spoiled_array(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
-    kind = rng.integers(7)
+    kind = rng.integers(10)
     if kind == 0 and array.size:
         return array.reshape(-1)[: rng.integers(array.size)]
     if kind == 1:
@@ -122,7 +123,9 @@ def spoiled_array(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
         return array[..., :0] if array.ndim else np.zeros((0,))
     if kind == 4:
         return np.asarray(rng.choice(["words", "", "\udcff", "a\0b"])) if array.dtype.kind != "U" else np.zeros(3)
-    if kind == 5 and array.size and array.dtype.kind in "fiub":
+    if kind == 5:
+        return array * array.dtype.type(1) if array.dtype.kind in "fiu" else array  # as it was
+    if kind >= 7 and array.size and array.dtype.kind in "fiub":
         changed = array.astype(float) if rng.random() < 0.5 else array.copy()
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -223,12 +226,13 @@ def with_junk(rng: np.random.Generator, value: Any) -> Any:
 
 def spoiled_weights(rng: np.random.Generator) -> bytes:
     """A state dict of AlexNet with something wrong, or something else."""
-    found: Any = dict(weights())
+    whole = weights()
+    found: Any = dict(whole)
     for _ in range(rng.integers(0, 3)):
-        name = str(rng.choice(list(found)))
-        tensor = found[name]
+        name = str(rng.choice(list(whole)))
+        tensor = whole[name]
         found[name] = [
-            tensor[0], tensor[None], torch.zeros(()), torch.zeros(1).expand(10**6, 10**6), [1.0], "text", tensor.to(torch.complex64), tensor.int(),
+            tensor[:0], tensor[None], torch.zeros(()), torch.zeros(1).expand(10**6, 10**6), [1.0], "text", tensor.to(torch.complex64).conj(), tensor.int(),
             torch.full((1,), float("nan")).expand(tensor.shape), torch.zeros(3).to_sparse(), tensor.half(), None, torch.zeros(0),
         ][rng.integers(13)]  # fmt: skip
     found = [found, found, found, [found], torch.zeros(3), 5, "text", {1: 2}, {}][rng.integers(9)]
@@ -252,10 +256,8 @@ def heads() -> dict[str, torch.Tensor]:
     return {f"lin{k}.model.1.weight": torch.ones(1, layer.channels, 1, 1) for k, layer in enumerate(ALEX)}
 
 
-@cache
-def base() -> Path:
-    """A folder with one whole file for every door."""
-    folder = Path(_keep.name)
+def wholes(folder: Path) -> dict[str, bytes]:
+    """One whole file for every door, made in an empty folder."""
     clip = make_clip()
     recovery = make_recovery(clip)
     result.save(recovery, clip, config.Settings(), folder)
@@ -271,10 +273,7 @@ def base() -> Path:
     store.write_arrays(folder / "truth.npz", truth)
     torch.save(weights(), folder / "net.pth")
     torch.save(heads(), folder / "heads.pth")
-    return folder
-
-
-_keep = TemporaryDirectory()
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def read_recovery(path: Path) -> None:
@@ -304,24 +303,27 @@ def read_capture(path: Path) -> None:
 
 
 def read_weights(path: Path) -> None:
-    image = make_clip().frames[0]
-    Lpips(path, base() / "heads.pth").masked(image, image[::-1].copy(), np.ones(image.shape[:2], bool))
+    image, linear = make_clip().frames[0], path.with_name("heads.pth")
+    linear.write_bytes(WHOLE["heads.pth"])
+    Lpips(path, linear).masked(image, image[::-1].copy(), np.ones(image.shape[:2], bool))
 
 
 def read_truth(path: Path) -> None:
-    figures = score.score(base() / result.RECOVERY, path)
+    recovery = path.with_name(result.RECOVERY)
+    recovery.write_bytes(WHOLE[result.RECOVERY])
+    figures = score.score(recovery, path)
     assert set(figures) >= {"young_log10_error", "trajectory_rmse_over_rms_motion"}
 
 
-def _whole(name: str) -> Callable[[], bytes]:
-    return cache(lambda: (base() / name).read_bytes())
-
-
-DOORS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], None]]] = {
-    "recovery": (result.RECOVERY, _whole(result.RECOVERY), read_recovery),
-    "checkpoint": ("checkpoint.npz", _whole("checkpoint.npz"), read_checkpoint),
-    "prepared": ("clip.npz", _whole("clip.npz"), read_prepared),
-    "capture": (FILE, _whole(FILE), read_capture),
-    "weights": ("net.pth", _whole("net.pth"), read_weights),
-    "truth": ("truth.npz", _whole("truth.npz"), read_truth),
+DOORS: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "recovery": (result.RECOVERY, read_recovery),
+    "checkpoint": (result.CHECKPOINT, read_checkpoint),
+    "prepared": ("clip.npz", read_prepared),
+    "capture": (FILE, read_capture),
+    "weights": ("net.pth", read_weights),
+    "truth": ("truth.npz", read_truth),
 }
+with TemporaryDirectory() as _folder:
+    WHOLE = wholes(Path(_folder))
+with np.load(io.BytesIO(WHOLE["clip.npz"])) as _file:
+    OUTLINE = str(_file["outline"])
