@@ -136,7 +136,7 @@ def _convolution(
 
 
 def _head(heads: Mapping[str, Any], k: int, channels: int, path: str | Path, device: str) -> torch.Tensor:
-    weight = heads.get(f"lin{k}.model.1.weight")
+    weight: Any = heads.get(f"lin{k}.model.1.weight")
     if not _is(weight, (1, channels, 1, 1)):
         raise InputError(f"{HEADS} {path}: holds no finite lin{k}.model.1.weight of {channels} numbers; give the heads of LPIPS 0.1 for the same network as {BACKBONE}")
     return weight.float().reshape(-1).to(device)

@@ -70,13 +70,13 @@ def load(folder: str | Path) -> Recovery:
         shapes.check_recovery(recovery)
     except KeyError as error:
         raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
-    except shapes.Misshapen as error:
+    except shapes.MisshapenError as error:
         raise InputError(f"recovery {path}: {error}; recover the clip again") from error
     return recovery
 
 
 def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], notes: tuple[str, ...]) -> Recovery:
-    """Raises KeyError for an array that is missing, shapes.Misshapen for one of another shape."""
+    """Raises KeyError for an array that is missing, shapes.MisshapenError for one of another shape."""
     shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n"} | {name: shapes.RECOVERY[name] for name in _SCALARS})
     fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
     return Recovery(
@@ -157,7 +157,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     try:
         found["prepared"].check()
-    except shapes.Misshapen as error:
+    except shapes.MisshapenError as error:
         raise InputError(f"clip {path}: {error}; write it again with 'diffphys ingest'") from error
     return found
 
@@ -176,11 +176,11 @@ def read_metrics(folder: str | Path) -> dict[str, Any]:
             text = file.read(MOST_METRICS_BYTES)
         found = json.loads(text)
         if not isinstance(found, dict):
-            raise npz.Damaged("it is no object of JSON")
+            raise npz.DamagedError("it is no object of JSON")
         return found
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, RecursionError, npz.Damaged) as error:
+    except (OSError, ValueError, RecursionError, npz.DamagedError) as error:
         raise InputError(f"metrics {path}: {npz.in_words(error)}; recover the clip again") from error
 
 

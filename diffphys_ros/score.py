@@ -78,7 +78,7 @@ def _read(path: str | Path, what: str, needed: dict[str, str]) -> dict[str, np.n
         shapes.require(min(sizes.values()) > 0, "an array is empty")
         if what == "truth":
             shapes.require((arrays["part_E"] > 0).all(), "part_E must be > 0")
-    except shapes.Misshapen as error:
+    except shapes.MisshapenError as error:
         raise InputError(f"{what} {path}: {error}; give the {what}.npz as it was written") from error
     return {name: arrays[name] for name in needed}
 

@@ -54,12 +54,12 @@ MODES = {
 }  # fmt: skip
 
 
-class Misshapen(ValueError):
+class MisshapenError(ValueError):
     """Which array is not what it must be, and how."""
 
 
 def check(values: Mapping[str, Any], table: Mapping[str, str], sizes: Sizes | None = None) -> Sizes:
-    """Holds every array of the table to its line; returns the lengths that letters stand for, `sizes` among them. Raises Misshapen."""
+    """Holds every array of the table to its line; returns the lengths that letters stand for, `sizes` among them. Raises MisshapenError."""
     sizes = {} if sizes is None else dict(sizes)
     for name, line in table.items():
         kind, *axes = line.split()
@@ -67,19 +67,19 @@ def check(values: Mapping[str, Any], table: Mapping[str, str], sizes: Sizes | No
         if value is None and kind.startswith("?"):
             continue
         if value is None:
-            raise Misshapen(f"{name} is missing")
+            raise MisshapenError(f"{name} is missing")
         _check_one(name, np.asarray(value), kind.removeprefix("?"), axes, sizes)
     return sizes
 
 
 def require(sound: bool | np.bool_, words: str) -> None:
-    """Raises Misshapen with these words unless `sound`."""
+    """Raises MisshapenError with these words unless `sound`."""
     if not sound:
-        raise Misshapen(words)
+        raise MisshapenError(words)
 
 
 def check_camera(camera: Camera, sizes: Sizes) -> None:
-    """A pinhole that sees images of H x W pixels. Raises Misshapen."""
+    """A pinhole that sees images of H x W pixels. Raises MisshapenError."""
     check(vars(camera), CAMERA)
     k = camera.pixel_from_camera
     require(k[0, 0] > 0 and k[1, 1] > 0 and (k[2] == (0, 0, 1)).all(), "the camera's matrix is that of no pinhole")
@@ -87,7 +87,7 @@ def check_camera(camera: Camera, sizes: Sizes) -> None:
 
 
 def check_clip(clip: Clip) -> Sizes:
-    """Raises Misshapen."""
+    """Raises MisshapenError."""
     sizes = check(vars(clip), CLIP)
     require(min(sizes[letter] for letter in "THW") > 0, "frames is empty")
     require(abs(clip.start_ns) + 1e9 * clip.period_s * sizes["T"] < 2.0**63, "stamps lie beyond 64 bits of nanoseconds")
@@ -96,14 +96,14 @@ def check_clip(clip: Clip) -> Sizes:
 
 
 def check_tracks(tracks: Tracks, frames: int) -> None:
-    """Raises Misshapen."""
+    """Raises MisshapenError."""
     check(vars(tracks), TRACKS, {"T": frames})
     require(tracks.valid[0].all(), "tracks do not hold in frame 0")
     require(np.isfinite(tracks.points[tracks.valid]).all() and np.isfinite(tracks.pixels[tracks.valid]).all(), "tracks that hold are not finite")
 
 
 def check_body(body: Body) -> int:
-    """Number of parts. Raises Misshapen."""
+    """Number of parts. Raises MisshapenError."""
     sizes = check(vars(body), BODY)
     require(min(sizes[letter] for letter in "XYn") > 0 and body.inside.any(), "the body is empty")
     require(body.part.min() >= 1 and body.part.max() <= sizes["n"], f"numbers of parts lie beyond 1 .. {sizes['n']}")
@@ -112,13 +112,13 @@ def check_body(body: Body) -> int:
 
 
 def check_start(start: StartValues, frames: int, parts: int) -> None:
-    """Raises Misshapen."""
+    """Raises MisshapenError."""
     check(vars(start), START, {"T": frames, "n": parts})
     require(len(start.reasons) == parts, "there is not one reason per part")
 
 
 def check_modal(modal: Any, parts: int) -> None:
-    """A modes.ModalModel. Raises Misshapen."""
+    """A modes.ModalModel. Raises MisshapenError."""
     sizes = check(vars(modal), MODAL, {"n": parts})
     require(min(sizes[letter] for letter in "VEr") > 0, "there is no mode")
     require(modal.tets.min() >= 0 and modal.tets.max() < sizes["V"], "elements name nodes that there are none of")
@@ -126,13 +126,13 @@ def check_modal(modal: Any, parts: int) -> None:
 
 
 def check_prior(prior: MaterialPrior, sizes: Sizes) -> None:
-    """Raises Misshapen."""
+    """Raises MisshapenError."""
     count = check(vars(prior), PRIOR, {name: sizes[name] for name in "HW"} | {"K": len(prior.name)})["K"]
     require(count > 0 and prior.index.min() >= 0 and prior.index.max() < count, "pixels name materials that there are none of")
 
 
 def check_recovery(recovery: Recovery) -> None:
-    """Raises Misshapen."""
+    """Raises MisshapenError."""
     sizes = check(vars(recovery), RECOVERY)
     parts = sizes["n"]
     require(min(sizes[letter] for letter in "NTn") > 0, "there is no particle, frame or part")
@@ -168,13 +168,13 @@ def _check_one(name: str, array: np.ndarray, kind: str, axes: list[str], sizes: 
     fits = len(axes) == array.ndim and all(length == (int(axis) if axis.isdigit() else sizes.setdefault(axis, length)) for axis, length in zip(axes, array.shape, strict=True))
     if not fits:
         wanted = ", ".join(f"{axis} = {sizes[axis]}" if axis in sizes else axis for axis in axes)
-        raise Misshapen(f"{name} is of shape {array.shape}, must be ({wanted})")
-    allowed = _KINDS[kind] + ("iu" if not axes else "")  # a whole number may stand for itself
+        raise MisshapenError(f"{name} is of shape {array.shape}, must be ({wanted})")
+    allowed = _KINDS[kind] + ("iu" if not axes and _KINDS[kind] == "f" else "")  # one whole number may stand for a real one
     if array.dtype.kind not in allowed or (array.dtype.kind == "f" and array.itemsize not in (4, 8)) or (kind == "pixel" and array.itemsize != 1):
-        raise Misshapen(f"{name} is of {array.dtype}, must be {kind}")
+        raise MisshapenError(f"{name} is of {array.dtype}, must be {kind}")
     if kind in ("text", "truth", "pixel", "whole", "gap"):
         return
     if not (np.abs(array) <= LARGEST).all():
-        raise Misshapen(f"{name} must be finite and at most {LARGEST:g} everywhere")
+        raise MisshapenError(f"{name} must be finite and at most {LARGEST:g} everywhere")
     if (kind == "positive" and not (array > 0).all()) or (kind == "amount" and not (array >= 0).all()):
-        raise Misshapen(f"{name} must be {'> 0' if kind == 'positive' else '>= 0'} everywhere")
+        raise MisshapenError(f"{name} must be {'> 0' if kind == 'positive' else '>= 0'} everywhere")

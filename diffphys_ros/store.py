@@ -88,7 +88,7 @@ def read_arrays(path: str | Path, what: str, *, cure: str = "write it again") ->
         return npz.read(path)
     except FileNotFoundError as error:
         raise InputError(f"{what} {path}: no such file; give the path of an existing .npz") from error
-    except npz.Damaged as error:
+    except npz.DamagedError as error:
         raise InputError(f"{what} {path}: not a readable .npz ({error}); {cure}") from error
 
 

@@ -14,17 +14,17 @@ LARGEST = 2**63  # whole numbers lie below
 
 def fitting(cls: Any, values: Mapping[str, Any]) -> Any:
     """cls(**values). Raises TypeError where `cls` is no dataclass, or a field is missing, unknown or of another type."""
-    if not dataclasses.is_dataclass(cls):
-        raise TypeError(f"{cls.__name__} has no fields")
-    built = cls(**values)  # type: ignore[operator]
-    wrong = [name for name, kind in _kinds(cls).items() if not _is(getattr(built, name), kind)]
+    kinds = _kinds(cls)
+    built = cls(**values)
+    wrong = [name for name, kind in kinds.items() if not _is(getattr(built, name), kind)]
     if wrong:
         raise TypeError(f"{cls.__name__}.{wrong[0]} is of another type")
     return built
 
 
 @cache
-def _kinds(cls: type) -> dict[str, Any]:
+def _kinds(cls: Any) -> dict[str, Any]:
+    """Annotations by field. Raises TypeError where `cls` is no dataclass."""
     hints = typing.get_type_hints(cls)
     return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
 

@@ -51,9 +51,8 @@ def test_a_new_set_takes_the_place_of_the_old_one_and_nothing_else_is_left(place
 
 
 def test_a_set_that_failed_changes_nothing(place: Path) -> None:
-    with pytest.raises(RuntimeError), folders.owned(place), folders.replaced(place, FILES) as staging:
-        (staging / "b.txt").write_text("half")
-        raise RuntimeError
+    with pytest.raises(TypeError), folders.owned(place), folders.replaced(place, FILES) as staging:
+        (staging / "b.txt").write_text("half") and (staging / "c.txt").write_text(3)  # type: ignore[arg-type]
     assert {path.name: path.read_text() for path in place.iterdir()} == OLD
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,14 +54,14 @@ def read_clip_view(folder: str | Path) -> ClipView:
     arrays = store.read_arrays(path, "depth.capture", cure="make the capture again")
     try:
         return _view_of(arrays)
-    except shapes.Misshapen as error:
+    except shapes.MisshapenError as error:
         raise InputError(f"depth.capture {path}: {error}; make the capture again") from error
 
 
 def _view_of(arrays: Mapping[str, np.ndarray]) -> ClipView:
-    """The inverse of ClipView.arrays. Raises shapes.Misshapen for arrays that do not fit each other."""
+    """The inverse of ClipView.arrays. Raises shapes.MisshapenError for arrays that do not fit each other."""
     sizes = shapes.check(arrays, _LINES)
-    plain = {name: arrays[name].item() if arrays[name].ndim == 0 else arrays[name] for name in _LINES}
+    plain: dict[str, Any] = {name: arrays[name].item() if arrays[name].ndim == 0 else arrays[name] for name in _LINES}
     camera = Camera(**{name.removeprefix(_CAMERA): plain.pop(name) for name in list(plain) if name.startswith(_CAMERA)})
     shapes.check_camera(camera, sizes)
     shapes.require(np.isnan(plain["thickness_m"]) or 0 < plain["thickness_m"] < np.inf, "thickness_m must be > 0")

@@ -131,7 +131,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         shapes.require(not np.isnan(z["value"]) and not np.isnan(z["history"]).any() and sizes["p"] > 0, "its losses are no numbers")
         if "field_at" in z:
             shapes.check(z, _TRAINING)
-    except shapes.Misshapen as error:
+    except shapes.MisshapenError as error:
         raise InputError(f"checkpoint {path}: damaged ({error}); {anew}") from error
     return z
 

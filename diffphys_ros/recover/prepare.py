@@ -36,7 +36,7 @@ class Prepared:
     zones: Zoned | None = None  # where the material is wanted as a field
 
     def check(self) -> None:
-        """Holds arrays of unknown origin to the shapes and bounds that the solver counts on. Raises shapes.Misshapen."""
+        """Holds arrays of unknown origin to the shapes and bounds that the solver counts on. Raises shapes.MisshapenError."""
         sizes = shapes.check_clip(self.clip)
         shapes.require(self.clip.labels is not None and len(self.clip) >= LEAST_FRAMES, f"clip is without labels or has fewer than {LEAST_FRAMES} frames")
         shapes.check({"depth0": self.depth0}, {"depth0": "real H W"}, sizes)
