@@ -39,7 +39,13 @@ def refusal(path: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("array", [np.arange(6).reshape(2, 3), np.asfortranarray(np.eye(3)[:2]), np.float32(2), np.array(["ab", "ü"]), np.zeros((3, 0, 2)), np.ones(2, ">f8"), np.array(""), np.array([True])])
+@pytest.mark.parametrize(
+    "array",
+    [
+        *(np.arange(6).reshape(2, 3), np.asfortranarray(np.eye(3)[:2]), np.float32(2), np.array(["ab", "ü"])),
+        *(np.zeros((3, 0, 2)), np.ones(2, ">f8"), np.array(""), np.array([True])),
+    ],
+)
 def test_what_numpy_writes_comes_back(tmp_path: Path, array: np.ndarray) -> None:
     np.savez_compressed(tmp_path / "a.npz", x=array)
     back = npz.read(tmp_path / "a.npz")["x"]

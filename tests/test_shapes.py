@@ -32,7 +32,10 @@ def test_a_letter_stands_for_one_length() -> None:
 
 @pytest.mark.parametrize(
     ("line", "value"),
-    [("real", np.nan), ("real", 1e31), ("positive", 0.0), ("amount", -1.0), ("truth", 1), ("whole", 1.0), ("pixel 1", np.zeros(1, np.uint16)), ("real 1", np.zeros(1, np.float16)), ("text", 3), ("real 1", np.zeros(1, int))],
+    [
+        *(("real", np.nan), ("real", 1e31), ("positive", 0.0), ("amount", -1.0), ("truth", 1), ("whole", 1.0), ("text", 3)),
+        *(("pixel 1", np.zeros(1, np.uint16)), ("real 1", np.zeros(1, np.float16)), ("real 1", np.zeros(1, int))),
+    ],
 )
 def test_a_number_of_another_kind_is_refused(line: str, value: object) -> None:
     with pytest.raises(shapes.MisshapenError, match="a "):

@@ -32,7 +32,10 @@ COUNT = 25_000
 KINDS = ("f8", "f4", "f2", "i8", "u1", "i1", "?", "c16", "U3", "S2", ">f8", "M8[s]", "O")
 NUMBERS = (np.nan, np.inf, -np.inf, 0, -1, 1e308, -1e308, 1e-308, 2**62, 7)
 SHAPES = ("(1000000000000,)", "(-3,)", "(0, 1000000000000)", "(1000000000000, 0)", "(99999999999999999999999,)", "(" + "1, " * 70 + ")", "(2, 3", "None", "(True,)", "(1e3,)")
-JUNK: tuple[Any, ...] = (None, True, -1, 10**30, 1.5, float("nan"), "", "x" * 5000, "\x00\n", [], {}, [[]], {"array": "none"}, {"array": ["a"]}, {"class": "ModalModel"}, {"class": "Clip", "fields": {}}, {"dict": []}, {"tuple": 3})
+JUNK: tuple[Any, ...] = (
+    None, True, -1, 10**30, 1.5, float("nan"), "", "x" * 5000, "\x00\n", [], {}, [[]],
+    {"array": "none"}, {"array": ["a"]}, {"class": "ModalModel"}, {"class": "Clip", "fields": {}}, {"dict": []}, {"tuple": 3},
+)  # fmt: skip
 
 
 def case(seed: int, folder: Path) -> str:
