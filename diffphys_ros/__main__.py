@@ -173,18 +173,18 @@ def _recover(options: argparse.Namespace) -> int:
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
     settings = config.layered(options.config, options.flags, base=base)
     clock = clock_of(settings, side_by_side=options.side_by_side)
-    result.check_writable(options.out)
-    checkpoint = Checkpoint(options.out / "checkpoint.npz", every_s=settings.fit.checkpoint_every_s, resume=options.resume)
-    if is_prepared:
-        prepared = result.load_prepared(options.clip)
-        steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock)
-    else:
-        steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock)
-    prepared, splats, recovery = show(steps)
-    notes = result.write_all(recovery, prepared.clip, settings, options.out, splats=splats)
+    with result.owned(options.out) as out:
+        checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
+        if is_prepared:
+            prepared = result.load_prepared(options.clip)
+            steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock)
+        else:
+            steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock)
+        prepared, splats, recovery = show(steps)
+        notes = result.write_all(recovery, prepared.clip, settings, out, splats=splats)
+        checkpoint.remove()
     for note in (*recovery.notes, *notes):
         print(f"note: {note}")
-    checkpoint.remove()
     for name in ("psnr_masked", "psnr_masked_frozen_frame"):
         print(f"{name}: {recovery.metrics[name]:.2f} dB")
     print(f"results in {options.out}")

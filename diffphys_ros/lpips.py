@@ -5,15 +5,18 @@ The weights are the published ones, from local files: torchvision's AlexNet or V
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch.nn import functional
 
 from .errors import InputError
+from .npz import in_words
 
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of the published metric, for values -1..1
 MARGIN_PX = 16  # around the object that is compared
@@ -25,6 +28,7 @@ class Layer:
     """One convolution of a torchvision network, with what follows it."""
 
     index: int  # in torchvision's `features`
+    channels: int  # that come out
     kernel: int
     stride: int = 1
     padding: int = 1
@@ -32,10 +36,9 @@ class Layer:
     tapped: bool = True  # whether its rectified output is compared
 
 
-ALEX = (Layer(0, 11, 4, 2), Layer(3, 5, 1, 2, pool=3), Layer(6, 3, pool=3), Layer(8, 3), Layer(10, 3))
-VGG = tuple(
-    Layer(index, 3, pool=2 if index in (5, 10, 17, 24) else 0, tapped=index in (2, 7, 14, 21, 28)) for index in (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
-)
+ALEX = (Layer(0, 64, 11, 4, 2), Layer(3, 192, 5, 1, 2, pool=3), Layer(6, 384, 3, pool=3), Layer(8, 256, 3), Layer(10, 256, 3))
+_VGG = {0: 64, 2: 64, 5: 128, 7: 128, 10: 256, 12: 256, 14: 256, 17: 512, 19: 512, 21: 512, 24: 512, 26: 512, 28: 512}  # channels by index
+VGG = tuple(Layer(index, channels, 3, pool=2 if index in (5, 10, 17, 24) else 0, tapped=index in (2, 7, 14, 21, 28)) for index, channels in _VGG.items())
 
 
 class Lpips:
@@ -44,10 +47,11 @@ class Lpips:
     def __init__(self, backbone: str | Path, heads: str | Path, *, device: str = "cpu"):
         weights, linear = _state(backbone, BACKBONE), _state(heads, HEADS)
         first = weights.get("features.0.weight")
-        self.layers = VGG if first is not None and first.shape[-1] == 3 else ALEX
-        self.convolutions = [_convolution(weights, layer, backbone, device) for layer in self.layers]
-        channels = [w.shape[0] for layer, (w, _) in zip(self.layers, self.convolutions, strict=True) if layer.tapped]
-        self.heads = [_head(linear, k, count, heads, device) for k, count in enumerate(channels)]
+        self.layers = VGG if isinstance(first, torch.Tensor) and first.shape[-1:] == (3,) else ALEX
+        before = (3, *(layer.channels for layer in self.layers))
+        self.convolutions = [_convolution(weights, layer, count, backbone, device) for layer, count in zip(self.layers, before, strict=False)]
+        tapped = [layer.channels for layer in self.layers if layer.tapped]
+        self.heads = [_head(linear, k, count, heads, device) for k, count in enumerate(tapped)]
         self.device = device
 
     @torch.no_grad()
@@ -94,31 +98,51 @@ def _window(mask: np.ndarray) -> tuple[slice, slice]:
     return sides[0], sides[1]
 
 
-def _state(path: str | Path, setting: str) -> Mapping[str, torch.Tensor]:
-    """The tensors of a .safetensors or .pth file; of the latter plain tensors alone are read, no code."""
+def _state(path: str | Path, setting: str) -> Mapping[str, Any]:
+    """What a .safetensors or .pth file holds by name; of the latter plain tensors alone are read, no code."""
+    cure = "give the published state dict"
+    if not Path(path).is_file():
+        raise InputError(f"{setting} {path}: there is no such file; {cure}")
     try:
-        if Path(path).suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            return load_file(path)
-        return torch.load(path, map_location="cpu", weights_only=True)
+        found = _read(Path(path))
     except ModuleNotFoundError as error:
         raise InputError(f"{setting} {path}: needs the package safetensors; install diffphys_ros with the extra [models], or give the .pth file") from error
     except Exception as error:  # whatever a broken file makes the readers raise
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{setting} {path}: not a file of tensors ({reason}); give the published state dict") from error
+        raise InputError(f"{setting} {path}: not a file of tensors ({in_words(error)}); {cure}") from error
+    if not isinstance(found, Mapping):
+        raise InputError(f"{setting} {path}: holds a {type(found).__name__}, must be a dict of tensors by name; {cure}")
+    return found
 
 
-def _convolution(weights: Mapping[str, torch.Tensor], layer: Layer, path: str | Path, device: str) -> tuple[torch.Tensor, torch.Tensor]:
-    names = f"features.{layer.index}.weight", f"features.{layer.index}.bias"
-    found = [weights[name].float().to(device) for name in names if isinstance(weights.get(name), torch.Tensor)]
-    if len(found) < 2 or found[0].shape[-1] != layer.kernel:
-        raise InputError(f"{BACKBONE} {path}: holds no {names[0]} of a {layer.kernel} x {layer.kernel} kernel; give torchvision's state dict of AlexNet or VGG-16")
-    return found[0], found[1]
+def _read(path: Path) -> Any:
+    if path.suffix == ".safetensors":
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of torch, about how the file was written
+        return torch.load(path, map_location="cpu", weights_only=True)
 
 
-def _head(heads: Mapping[str, torch.Tensor], k: int, channels: int, path: str | Path, device: str) -> torch.Tensor:
-    weight = heads.get(f"lin{k}.model.1.weight")
-    if not isinstance(weight, torch.Tensor) or weight.numel() != channels:
-        raise InputError(f"{HEADS} {path}: holds no lin{k}.model.1.weight of {channels} numbers; give the heads of LPIPS 0.1 for the same network as {BACKBONE}")
+def _convolution(
+    weights: Mapping[str, Any], layer: Layer, before: int, path: str | Path, device: str
+) -> tuple[torch.Tensor, torch.Tensor]:
+    name, bias = f"features.{layer.index}.weight", f"features.{layer.index}.bias"
+    shape = (layer.channels, before, layer.kernel, layer.kernel)
+    if not _is(weights.get(name), shape) or not _is(weights.get(bias), (layer.channels,)):
+        wanted = " x ".join(map(str, shape))
+        raise InputError(f"{BACKBONE} {path}: holds no finite {name} of {wanted} numbers with its bias; give torchvision's state dict of AlexNet or VGG-16")
+    return weights[name].float().to(device), weights[bias].float().to(device)
+
+
+def _head(heads: Mapping[str, Any], k: int, channels: int, path: str | Path, device: str) -> torch.Tensor:
+    weight: Any = heads.get(f"lin{k}.model.1.weight")
+    if not _is(weight, (1, channels, 1, 1)):
+        raise InputError(f"{HEADS} {path}: holds no finite lin{k}.model.1.weight of {channels} numbers; give the heads of LPIPS 0.1 for the same network as {BACKBONE}")
     return weight.float().reshape(-1).to(device)
+
+
+def _is(value: Any, shape: tuple[int, ...]) -> bool:
+    """Whether this is a plain tensor of finite numbers of a shape."""
+    plain = isinstance(value, torch.Tensor) and value.layout == torch.strided and value.is_floating_point() and value.device.type == "cpu"
+    return plain and tuple(value.shape) == shape and bool(value.isfinite().all())

@@ -12,6 +12,7 @@ from typing import Any
 
 from .devices import usable
 from .errors import InputError, short
+from .npz import in_words
 
 
 def model_of(name: str, architectures: Mapping[str, str], *, setting: str, device: str) -> tuple[Any, Any]:
@@ -66,8 +67,7 @@ def _read(name: str, setting: str, load: Callable[[], Any]) -> Any:
         raise InputError(f"{setting} {short(name)}: there is no such folder; give one with config.json and model.safetensors, or a hub id")
     try:
         return load()
-    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
-        reason = " ".join(str(error).split())[:160]
+    except Exception as error:  # whatever a damaged file makes transformers, safetensors and json raise
         raise InputError(
-            f"{setting} {short(name)}: no usable checkpoint ({reason}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
+            f"{setting} {short(name)}: no usable checkpoint ({in_words(error)}); give a folder with config.json and model.safetensors, or a hub id that this machine can reach"
         ) from error

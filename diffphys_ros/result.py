@@ -9,37 +9,34 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import config, store
+from . import config, npz, shapes, store
+from . import folder as folders
 from .errors import InputError
+from .folder import check_writable
 from .types import PROBLEMS, Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 if TYPE_CHECKING:
     from .recover.prepare import Prepared
 
-RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
+FILES = RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
+CHECKPOINT = "checkpoint.npz"  # beside them while a fit runs, and after one that was interrupted
+MOST_METRICS_BYTES = 2**26  # of metrics.json
 
 _FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "force", "trajectory", "clamped")
 _FRAME = ("initial_velocity", "world_from_body", "gravity")
 _SCALARS = ("apparent_stiffness", "period_s", "substeps", "mass_damping", "stiffness_damping")
 
 
-def check_writable(folder: str | Path) -> Path:
-    """Make `folder` and prove that a file can be written in it. Raises InputError; call it before any work."""
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"output folder {folder}: {error.strerror or error}; choose a folder that can be written with --out") from error
-    return folder
+def owned(folder: str | Path) -> AbstractContextManager[Path]:
+    """Own a result folder while a run works in it; see folder.owned. Raises InputError where another run does."""
+    return folders.owned(folder, files=(*FILES, CHECKPOINT))
 
 
 def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str | Path) -> Path:
@@ -63,33 +60,42 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
 
 
 def load(folder: str | Path) -> Recovery:
-    """The Recovery that `save` wrote into `folder`. Raises InputError where there is none."""
-    path = Path(folder) / RECOVERY
-    z = store.read_arrays(path, "recovery")
+    """The Recovery that `save` wrote into `folder`. Raises InputError where there is none or its arrays do not fit each other."""
+    path = folders.current(folder, RECOVERY)
+    z = store.read_arrays(path, "recovery", cure="recover the clip again")
     metrics = read_metrics(folder)
     notes = metrics.pop("notes", [])
     try:
-        grid = Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"]))
-        fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
-        return Recovery(
-            **fields,
-            **{name: z[name].item() for name in _SCALARS},
-            simulation=_simulation(z, path),
-            frames=z.get("frames"),
-            grid=grid,
-            reasons=tuple(z["reasons"].tolist()),
-            metrics=metrics,
-            notes=tuple(notes),
-        )
+        recovery = _recovery(z, path, metrics, tuple(str(note) for note in notes) if isinstance(notes, list) else ())
+        shapes.check_recovery(recovery)
     except KeyError as error:
         raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
+    except shapes.MisshapenError as error:
+        raise InputError(f"recovery {path}: {error}; recover the clip again") from error
+    return recovery
+
+
+def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], notes: tuple[str, ...]) -> Recovery:
+    """Raises KeyError for an array that is missing, shapes.MisshapenError for one of another shape."""
+    shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n"} | {name: shapes.RECOVERY[name] for name in _SCALARS})
+    fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
+    return Recovery(
+        **fields,
+        **{name: z[name].item() for name in _SCALARS},
+        simulation=_simulation(z, path),
+        frames=z.get("frames"),
+        grid=Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"])),
+        reasons=tuple(z["reasons"].tolist()),
+        metrics=metrics,
+        notes=notes,
+    )
 
 
 def _simulation(z: dict[str, np.ndarray], path: Path) -> MpmProblem | ModalProblem:
     """The initial value problem of a recovery.npz. Raises InputError, KeyError for an array that is missing."""
     engine = str(z["engine"])
     if engine not in PROBLEMS:
-        raise InputError(f"recovery {path}: engine {engine!r} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
+        raise InputError(f"recovery {path}: engine {engine[:40]!a} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
     kind = PROBLEMS[engine]
     names = {f.name: f"{engine}_{f.name}" for f in dataclasses.fields(kind)}
     optional = {f.name for f in dataclasses.fields(kind) if f.default is None}
@@ -106,21 +112,23 @@ def write_all(
     splats: Any = None,
     report: Callable[[str], None] = lambda text: None,
 ) -> list[str]:
-    """Everything `save` writes, then recording, rerun file and figure.
+    """Everything `save` writes, then recording, rerun file and figure: all of them take the place of a former run's together, or none.
 
-    `report` is told each file as it is begun. Returns one sentence for each file that was left out because a package it
-    needs is not installed.
+    Call it while the folder is `owned`. `report` is told each file as it is begun. Returns one sentence for each file that was left
+    out because a package it needs is not installed. Raises InputError where the disc is full.
     """
-    save(recovery, clip, settings, folder)
     left_out = []
-    for name, write in _exports(recovery, clip, settings, splats):
-        report(name)
-        try:
-            write(Path(folder) / name)
-        except ModuleNotFoundError as error:
-            if (error.name or "").split(".")[0] == "diffphys_ros":
-                raise
-            left_out.append(f"{name} was left out because the package {error.name!r} is not installed.")
+    resumable = "; the checkpoint stays: --resume (of fit_node: resume) goes on from it" if (Path(folder) / CHECKPOINT).exists() else ""
+    with folders.replaced(folder, FILES, then=resumable) as staging:
+        save(recovery, clip, settings, staging)
+        for name, write in _exports(recovery, clip, settings, splats):
+            report(name)
+            try:
+                write(staging / name)
+            except ModuleNotFoundError as error:
+                if (error.name or "").split(".")[0] == "diffphys_ros":
+                    raise
+                left_out.append(f"{name} was left out because the package {error.name!r} is not installed.")
     return left_out
 
 
@@ -145,8 +153,12 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .recover.prepare import Prepared
 
     found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
-    if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
+    if not (isinstance(found, dict) and isinstance(found.get("prepared"), Prepared) and isinstance(found.get("settings"), dict)):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
+    try:
+        found["prepared"].check()
+    except shapes.MisshapenError as error:
+        raise InputError(f"clip {path}: {error}; write it again with 'diffphys ingest'") from error
     return found
 
 
@@ -158,13 +170,18 @@ def write_metrics(folder: str | Path, metrics: dict[str, object]) -> Path:
 
 def read_metrics(folder: str | Path) -> dict[str, Any]:
     """What metrics.json of a result folder holds; empty where there is none. Raises InputError for a broken one."""
-    path = Path(folder) / METRICS
+    path = folders.current(folder, METRICS)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        with npz.open_regular(path) as file:
+            text = file.read(MOST_METRICS_BYTES)
+        found = json.loads(text)
+        if not isinstance(found, dict):
+            raise npz.DamagedError("it is no object of JSON")
+        return found
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
-        raise InputError(f"metrics {path}: {error}; recover the clip again") from error
+    except (OSError, ValueError, RecursionError, npz.DamagedError) as error:
+        raise InputError(f"metrics {path}: {npz.in_words(error)}; recover the clip again") from error
 
 
 def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: Any) -> Iterator[tuple[str, Callable[[Path], object]]]:

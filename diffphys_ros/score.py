@@ -16,18 +16,22 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree
 
-from . import result, store
+from . import folder as folders
+from . import result, shapes, store
 from .errors import InputError
 
 ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
 FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
 NEIGHBOURS = 4  # of the inverse-distance interpolation between points and truth vertices
 
-_TRUTH = ("rest_vertices", "positions", "part_E", "vertex_E", "vertex_part", "interface", "vertex_volume", "clamped", "force_density")
-_TIMES = ("stamps_ns", "time", "fps", "period_s")  # read where they are there
+_TRUTH = {
+    "rest_vertices": "number V 3", "positions": "number T V 3", "part_E": "number n", "vertex_E": "number V", "vertex_part": "whole V", "interface": "truth V",
+    "vertex_volume": "number V", "clamped": "truth V", "force_density": "number T V 3",
+}  # fmt: skip
+_RECOVERY = {name: shapes.RECOVERY[name] for name in ("points", "young", "force", "trajectory")}
+_TIMES = {"stamps_ns": "?whole s", "time": "?number s", "fps": "?number", "period_s": "?number"}  # read where they are there
 SAME_FRAME = 0.1  # of a frame: what two clocks may differ by, from jitter of the stamps and the period that is estimated from them
 
-_RECOVERY = ("points", "young", "force", "trajectory")
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -41,11 +45,8 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     net force over force-free frames / true peak; trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
     With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n. Raises InputError for unreadable files.
     """
-    recovery: Arrays = _read(recovery_npz, "recovery", _RECOVERY)
-    truth: Arrays = _read(truth_npz, "truth", _TRUTH)
-    if recovery["points"].ndim != 2 or not np.isfinite(recovery["points"]).all():
-        raise InputError(f"recovery {recovery_npz}: points must be a finite (N, 3) array; recover the clip again")
-    recovery, truth = _on_truth_frames(recovery, truth, recovery_npz)
+    found: Arrays = _read(recovery_npz, "recovery", _RECOVERY)
+    recovery, truth = _on_truth_frames(found, _read(truth_npz, "truth", _TRUTH), recovery_npz)
     vertices, nearest = _match(truth, recovery["points"])
     return {
         **_score_young(truth, nearest, recovery["young"]),
@@ -55,9 +56,11 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
 
 
 def score_folder(folder: str | Path, truth_npz: str | Path) -> dict[str, object]:
-    """Scores the recovery.npz of a result folder and adds the figures to its metrics.json. Raises InputError."""
-    figures = score(Path(folder) / result.RECOVERY, truth_npz)
-    result.write_metrics(folder, result.read_metrics(folder) | figures)
+    """Scores the recovery.npz of a result folder and adds the figures to its metrics.json. Raises InputError, also where a run
+    still works in the folder."""
+    figures = score(folders.current(folder, result.RECOVERY), truth_npz)
+    with result.owned(folder):
+        result.write_metrics(folder, result.read_metrics(folder) | figures)
     return figures
 
 
@@ -71,11 +74,18 @@ def read_truth(path: str | Path) -> dict[str, np.ndarray]:
     return _read(path, "truth", _TRUTH)
 
 
-def _read(path: str | Path, what: str, needed: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _read(path: str | Path, what: str, needed: dict[str, str]) -> dict[str, np.ndarray]:
     arrays = store.read_arrays(path, what)
     missing = [name for name in needed if name not in arrays]
     if missing:
         raise InputError(f"{what} {path}: misses {', '.join(missing)}; give a {what}.npz that holds {', '.join(needed)}")
+    try:
+        sizes = shapes.check(arrays, needed | _TIMES)
+        shapes.require(min(sizes.values()) > 0, "an array is empty")
+        if what == "truth":
+            shapes.require((arrays["part_E"] > 0).all(), "part_E must be > 0")
+    except shapes.MisshapenError as error:
+        raise InputError(f"{what} {path}: {error}; give the {what}.npz as it was written") from error
     return {name: arrays[name] for name in (*needed, *_TIMES) if name in arrays}
 
 

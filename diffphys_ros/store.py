@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import npz
 from .errors import InputError
+from .typed import fitting
 
+PART = ".part-"  # what names of files begin with that are not whole yet
+DEEPEST = 40  # levels of an outline
 _OUTLINE = "outline"
 
 
@@ -26,11 +31,9 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
-        os.close(handle)
-    except OSError as error:
-        raise InputError(f"output {path}: {error.strerror or error}; choose a folder that can be written") from error
-    temporary = Path(name)
+        handle, temporary = _begin(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"output {path}: {npz.in_words(error)}; choose a folder that can be written") from error
     try:
         write(temporary)
         temporary.chmod(0o666 & ~_umask())
@@ -39,7 +42,27 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> Path:
         raise InputError(f"output {path}: {error.strerror or error}; free space or choose another folder") from error
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
     return path
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what `write_whole` did not finish in a folder because its process was killed; a file that is being written stays."""
+    for path in folder.glob(f"{PART}*"):
+        with suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+def _begin(path: Path) -> tuple[int, Path]:
+    """An empty temporary file beside `path`, locked as long as the returned handle is open."""
+    while True:
+        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f"{PART}{path.stem}-", dir=path.parent)
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return handle, Path(name)
+        os.close(handle)  # taken for abandoned before it was locked
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
@@ -58,15 +81,15 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     return write_whole(path, write)
 
 
-def read_arrays(path: str | Path, what: str) -> dict[str, np.ndarray]:
-    """Every array of an .npz. Raises InputError where there is none; `what` says in words what was looked for."""
+def read_arrays(path: str | Path, what: str, *, cure: str = "write it again") -> dict[str, np.ndarray]:
+    """Every array of an .npz. Raises InputError where there is none or it is damaged; `what` says in words what was looked for, `cure`
+    what to do."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        return npz.read(path)
     except FileNotFoundError as error:
         raise InputError(f"{what} {path}: no such file; give the path of an existing .npz") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise InputError(f"{what} {path}: not a readable .npz ({error}); write it again") from error
+    except npz.DamagedError as error:
+        raise InputError(f"{what} {path}: not a readable .npz ({error}); {cure}") from error
 
 
 def save(path: str | Path, value: Any) -> Path:
@@ -85,9 +108,9 @@ def load(path: str | Path, classes: Iterable[type]) -> Any:
     if _OUTLINE not in arrays:
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     try:
-        return _decode(json.loads(str(arrays[_OUTLINE])), arrays, {c.__name__: c for c in classes})
-    except (KeyError, TypeError) as error:
-        raise InputError(f"clip {path}: written by another version ({error}); write it again with 'diffphys ingest'") from error
+        return _decode(json.loads(str(arrays[_OUTLINE])), arrays, {c.__name__: c for c in classes}, DEEPEST)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:  # json's, and of names and fields that are not ours
+        raise InputError(f"clip {path}: written by another version ({npz.in_words(error)}); write it again with 'diffphys ingest'") from error
 
 
 def _umask() -> int:
@@ -117,17 +140,24 @@ def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     raise TypeError(f"cannot store a {kind}")
 
 
-def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str, type]) -> Any:
+def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str, type], levels: int) -> Any:
+    """Raises KeyError, TypeError, ValueError or AttributeError for what `_encode` did not write."""
     if not isinstance(outline, dict):
         return outline
+    if not levels:
+        raise ValueError(f"more than {DEEPEST} levels")
+
+    def inner(value: Any) -> Any:
+        return _decode(value, arrays, classes, levels - 1)
+
     if "array" in outline:
         return arrays[outline["array"]]
     for kind in (tuple, list):
         if kind.__name__ in outline:
-            return kind(_decode(item, arrays, classes) for item in outline[kind.__name__])
+            return kind(inner(item) for item in outline[kind.__name__])
     if "dict" in outline:
-        return {key: _decode(item, arrays, classes) for key, item in outline["dict"].items()}
+        return {key: inner(item) for key, item in outline["dict"].items()}
     cls: Any = classes[outline["class"]]
     if "arrays" in outline:
-        return cls.from_arrays(_decode(outline["arrays"], arrays, classes))
-    return cls(**{key: _decode(item, arrays, classes) for key, item in outline["fields"].items()})
+        return cls.from_arrays(inner(outline["arrays"]))
+    return fitting(cls, {key: inner(item) for key, item in outline["fields"].items()})

@@ -172,17 +172,20 @@ def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, che
 
 
 def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:
-    """News, then what is to be published, then the files; returns what was left out, one sentence each."""
+    """News, then what is to be published, then the files; returns what was left out, one sentence each. Owns `out` as long as it runs."""
     from diffphys_ros.recover import Checkpoint
 
-    path = Path(out) / "checkpoint.npz" if out else None
-    checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path is not None and path.exists())
-    prepared, splats, recovery = yield from job(checkpoint)
-    yield Published(fields.answer(recovery, prepared.clip, settings))
     if not out:
+        prepared, _, recovery = yield from job(Checkpoint(None))
+        yield Published(fields.answer(recovery, prepared.clip, settings))
         return []
-    from diffphys_ros.result import write_all
+    from diffphys_ros import result
 
-    left_out = write_all(recovery, prepared.clip, settings, out, splats=splats)
-    checkpoint.remove()
-    return left_out
+    with result.owned(out) as folder:
+        path = folder / result.CHECKPOINT
+        checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path.exists())
+        prepared, splats, recovery = yield from job(checkpoint)
+        yield Published(fields.answer(recovery, prepared.clip, settings))
+        left_out = result.write_all(recovery, prepared.clip, settings, folder, splats=splats)
+        checkpoint.remove()
+        return left_out

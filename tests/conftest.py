@@ -45,6 +45,15 @@ def half_sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def made_clip() -> Clip:
+    return make_clip()
+
+
+@pytest.fixture
+def made_recovery(made_clip: Clip) -> Recovery:
+    return make_recovery(made_clip)
+
+
+def make_clip() -> Clip:
     """A block that slides to the right over a plain background, seen from 0.5 m in front."""
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # camera looks along world y
@@ -59,8 +68,7 @@ def made_clip() -> Clip:
     return Clip(frames, 1_700_000_000_000_000_000, PERIOD_S, camera, labels=labels, source="made up")
 
 
-@pytest.fixture
-def made_recovery(made_clip: Clip) -> Recovery:
+def make_recovery(made_clip: Clip) -> Recovery:
     """A beam of two parts, held at x = 0, under a uniform gust along z in frames 2 to 5."""
     points = np.stack(np.meshgrid(np.arange(10) + 0.5, np.arange(2) + 0.5, np.arange(2) + 0.5, indexing="ij"), -1).reshape(-1, 3) * SPACING
     count, part = len(points), np.where(points[:, 0] < 0.05, 1, 2)

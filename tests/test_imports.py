@@ -16,10 +16,11 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "types", "config", "devices"}
-SHARED = {"correspondence", "local_plane", "footprints", "pretrained", "unseen"}  # what several stages need alike; imports the ground alone
+SHARED = {"correspondence", "local_plane", "footprints", "pretrained", "shapes", "unseen"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "particles", "prior", "modes", "splats", "fields", "simulate", "render", "losses", "lpips"}
 LEAVES = {"bags", "msg_schemas"}
-OUTPUT = {"store", "result", "report", "score"}
+FILES = {"npz", "store"}
+OUTPUT = FILES | {"folder", "result", "report", "score"}
 
 # room -> rooms that it may import beside itself
 MAY_IMPORT: dict[str, set[str]] = {
@@ -27,18 +28,23 @@ MAY_IMPORT: dict[str, set[str]] = {
     "types": set(),
     "config": {"errors"},
     "devices": {"errors"},
-    "store": {"errors"},
+    "npz": set(),
+    "typed": set(),
+    "store": {"errors", "npz", "typed"},
+    "folder": {"errors", "store"},
     **dict.fromkeys(SHARED, GROUND),
     **dict.fromkeys(STAGES, GROUND | SHARED),
-    "prior": GROUND | SHARED | {"store"},
+    "pretrained": GROUND | {"npz"},
+    "lpips": GROUND | SHARED | {"npz"},
+    **dict.fromkeys(("prior", "depth"), GROUND | SHARED | {"store"}),
     "splats": GROUND | SHARED | {"render", "losses"},
     **dict.fromkeys(LEAVES, GROUND),
     "capture": GROUND | SHARED | STAGES | LEAVES | {"store", "recover"},
     "recover": GROUND | SHARED | STAGES | LEAVES | {"store"},
-    "result": GROUND | STAGES | LEAVES | {"store", "recover", "report"},
+    "result": GROUND | SHARED | STAGES | LEAVES | FILES | {"folder", "recover", "report"},
     "report": GROUND,
-    "score": GROUND | {"store", "result"},
     "batch": GROUND | {"store", "result", "score"},
+    "score": GROUND | SHARED | {"store", "folder", "result"},
     "resimulate": GROUND | {"simulate", "modes", "result"},
     "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover"},
     "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"recover", "capture", "resimulate", "batch"},

@@ -120,10 +120,30 @@ def test_files_of_another_network_are_refused(files, tmp_path: Path) -> None:
         Lpips(files[4], files[4])
     with pytest.raises(InputError, match=r"metrics\.lpips_heads.*the same network"):
         Lpips(files[3], files[3])
-    with pytest.raises(InputError, match="not a file of tensors"):
+    with pytest.raises(InputError, match="there is no such file"):
         Lpips(tmp_path / "missing.pth", files[4])
 
 
 def test_an_empty_mask_is_refused(files) -> None:
     with pytest.raises(InputError, match="no pixel to compare"):
         Lpips(*files[3:]).masked(*images(), np.zeros((72, 96), bool))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda net: list(net.values()),
+        lambda net: net["features.0.bias"],
+        lambda net: net | {"features.0.weight": torch.zeros(())},
+        lambda net: net | {"features.0.weight": net["features.0.weight"][:, :1]},
+        lambda net: net | {"features.0.bias": net["features.0.bias"][:3]},
+        lambda net: net | {"features.0.weight": net["features.0.weight"].int()},
+        lambda net: net | {"features.0.weight": torch.zeros(1).expand(10**6, 10**6, 11, 11)},
+        lambda net: net | {"features.0.weight": net["features.0.weight"] / 0},
+        lambda net: net | {"features.0.weight": [1.0]},
+    ],
+)
+def test_weights_of_another_shape_are_refused(files, tmp_path: Path, change) -> None:
+    torch.save(change(torch.load(files[3], weights_only=True)), tmp_path / "net.pth")
+    with pytest.raises(InputError, match=r"metrics\.lpips_backbone .*; give (torchvision's|the published) state dict"):
+        Lpips(tmp_path / "net.pth", files[4])

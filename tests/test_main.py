@@ -9,8 +9,11 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from diffphys_ros import config, result
 from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.recover.checkpoint import Checkpoint, Stored
+from diffphys_ros.recover.minimise import lost
 
 QUICK = [
     *("--particles.cells", "3", "--particles.per_cell", "1.5", "--fit.iterations", "1"),
@@ -29,6 +32,7 @@ QUICK = [
         (["recover", "{clip}", "--out", "{tmp}/out", "--config", "{tmp}/none.yaml"], "none.yaml"),
         (["recover", "{clip}", "--out", "/proc/none"], "choose a folder that can be written"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--topics.depth", "/nowhere"], "/nowhere"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--resume"], "there is none to resume from"),
         (["score", "{tmp}", "--truth", "{tmp}/none.npz"], "no such file"),
         (["simulate", "{tmp}", "--out", "{tmp}/again.npz"], "recovery.npz: no such file"),
         (["simulate", "{tmp}", "--out", "{tmp}/again.npz", "--young_scale", "soft"], "--young_scale is 'soft', must be a number"),
@@ -42,6 +46,26 @@ def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words,
     assert len(error.splitlines()) == 1
     out = tmp_path / "out"
     assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_folder_in_which_another_run_works_is_refused_and_its_checkpoint_stays(tmp_path, capfd):
+    with result.owned(tmp_path):
+        (tmp_path / result.CHECKPOINT).write_bytes(b"of the other run")
+        before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+        assert main(["recover", str(sample_folder() / "clip.mcap"), "--out", str(tmp_path)]) == 2
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert f"output folder {tmp_path}: another run owns it" in capfd.readouterr().err
+
+
+def test_a_checkpoint_of_another_clip_is_refused_before_the_clip_is_worked_on(tmp_path, capfd, made_clip):
+    checkpoint = Checkpoint(tmp_path / result.CHECKPOINT, every_s=0.0)
+    checkpoint.bind(made_clip, config.Settings())
+    checkpoint.offer(Stored(lost(np.zeros(3)), np.ones(1)))
+    assert main(["recover", str(sample_folder() / "clip.mcap"), "--out", str(tmp_path), "--resume"]) == 2
+    said = capfd.readouterr()
+    assert "belongs to another clip or other settings" in said.err
+    assert "segment" not in said.out
+    assert (tmp_path / result.CHECKPOINT).exists()
 
 
 def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
@@ -95,8 +119,6 @@ def simulate_both_ways(folder, capfd):
 
 
 def test_every_setting_is_listed(capsys):
-    from diffphys_ros import config
-
     assert main(["settings"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in config.leaves())

@@ -26,7 +26,7 @@ def test_a_folder_that_is_not_there_is_not_looked_for_on_the_hub(tmp_path: Path)
         model_of(str(tmp_path / "missing"), KINDS, setting="segment.model", device="cpu")
 
 
-@pytest.mark.parametrize("text", ["{", json.dumps({"model_type": "nothing-known"}), json.dumps({"model_type": "sam"})])
+@pytest.mark.parametrize("text", ["{", json.dumps({"model_type": "nothing-known"}), json.dumps({"model_type": "sam"}), "[" * 100_000, "[1, 2]", '{"model_type": ["sam"]}'])
 def test_a_folder_that_holds_no_checkpoint_is_refused(tmp_path: Path, text: str) -> None:
     pytest.importorskip("transformers", reason="transformers is not installed; pip install '.[models]'")
     (tmp_path / "config.json").write_text(text)

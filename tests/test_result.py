@@ -12,9 +12,9 @@ import pytest
 
 from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
-from diffphys_ros.modes.model import ModalModel
 from diffphys_ros.recover.prepare import Prepared
-from diffphys_ros.types import Body, Clip, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
+from diffphys_ros.types import Clip, ModalProblem, MpmProblem, Recovery
+from tests.prepared import make_prepared
 
 
 def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
@@ -33,7 +33,8 @@ def made_modes(recovery: Recovery) -> ModalProblem:
     shapes = {"rest": (count, 3), "young": (count,), "basis": (count, 3, modes), "load": (modes, 3), "force": (len(recovery.trajectory), 3)}
     vectors = dict.fromkeys(("initial_displacement", "initial_velocity"), (modes,))
     rng = np.random.default_rng(0)
-    return ModalProblem(**{f.name: rng.normal(size=(shapes | vectors).get(f.name, (modes, modes))) for f in dataclasses.fields(ModalProblem)})
+    drawn = {f.name: rng.normal(size=(shapes | vectors).get(f.name, (modes, modes))) for f in dataclasses.fields(ModalProblem)}
+    return ModalProblem(**drawn | {"young": recovery.young})
 
 
 @pytest.mark.parametrize("kind", ["points", "points in a force field", "modes"])
@@ -168,53 +169,7 @@ def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recove
 
 @pytest.fixture
 def made_prepared(made_clip: Clip) -> Prepared:
-    rng = np.random.default_rng(0)
-    frames, parts, modes, points = len(made_clip), 2, 3, 7
-    shapes = {
-        "nodes": (20, 3),
-        "basis": (20, 3, modes),
-        "stiffness": (parts, modes, modes),
-        "geometric": (modes, modes),
-        "retuning": (modes, modes),
-    }
-    model = ModalModel(**{f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)})
-    start = StartValues(
-        young=np.array([1e5, 2e4]),
-        log10_young_sd=np.array([0.02, 0.03]),
-        mass_damping=0.1,
-        stiffness_damping=1e-3,
-        forced=np.arange(frames) < 5,
-        force_family="uniform",
-        footprint=np.zeros(0),
-        force=rng.normal(size=(frames, 3)),
-        initial_displacement=np.zeros(modes),
-        initial_velocity=np.zeros(modes),
-        frequencies_hz=np.array([2.0, 5.0, 9.0]),
-        observed_hz=np.array([2.1]),
-        decay_per_s=np.array([0.3]),
-        residual_m=1e-4,
-        track_cost=0.01,
-        identified=np.array([True, False]),
-        reasons=("seen", "hardly strains"),
-        has_free_tail=True,
-        modes_hold=True,
-        geometry_sd=np.array([0.01, 0.01]),
-    )
-    tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
-    body = Body(
-        np.eye(4),
-        np.ones((4, 3), bool),
-        np.zeros(2),
-        0.01,
-        np.full((4, 3), 0.02),
-        np.ones((4, 3), np.uint8),
-        np.array([500.0, 400.0]),
-        np.array([0.3, 0.3]),
-        np.zeros(3),
-        True,
-        {"density": "mass_kg"},
-    )
-    return Prepared(made_clip, np.ones((2, 2), np.float32), "depth topic", tracks, body, start, model)
+    return make_prepared(made_clip)
 
 
 def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepared: Prepared) -> None:
@@ -235,3 +190,95 @@ def test_a_prepared_clip_brings_its_settings(tmp_path: Path, made_prepared: Prep
 def test_a_recovery_is_no_prepared_clip(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
     with pytest.raises(InputError, match="diffphys ingest"):
         result.load_prepared(result.save(made_recovery, made_clip, config.Settings(), tmp_path))
+
+
+def changed(array: np.ndarray, value: float) -> np.ndarray:
+    """A copy with its first number replaced."""
+    copy = array.copy()
+    copy.reshape(-1)[0] = value
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("period_s", lambda a: np.ones(2), r"period_s is of shape \(2,\), must be \(\)"),
+        ("substeps", lambda a: np.array("many"), "substeps is of <U4, must be whole"),
+        ("grid_size", lambda a: a[:2], r"grid_size is of shape \(2,\)"),
+        ("grid_size", lambda a: a * 10**6, "the grid has more than 100000000 nodes"),
+        ("points", lambda a: a.T, "points is of shape"),
+        ("force", lambda a: a[:, :-1], r"force is of shape \(12, 39, 3\), must be \(T = 12, N = 40, 3 = 3\)|force is of shape"),
+        ("trajectory", lambda a: a[:-1], "trajectory is of shape"),
+        ("volume", lambda a: changed(a, np.nan), "volume must be finite"),
+        ("volume", lambda a: changed(a, -1), "volume must be > 0 everywhere"),
+        ("part", lambda a: changed(a, 3), "numbers of parts lie beyond 1 .. 2"),
+        ("reasons", lambda a: a[:1], "there is not one reason per part"),
+        ("mpm_ghost", lambda a: ~a, "particles of the simulation are not those of the result"),
+        ("mpm_young", lambda a: a.astype(int), "young is of int64, must be positive"),
+        ("mpm_poisson", lambda a: changed(a, 0.5), "Poisson's ratio lies beyond 0.5"),
+    ],
+)
+def test_a_result_whose_arrays_do_not_fit_each_other_is_refused(tmp_path: Path, made_recovery: Recovery, made_clip: Clip, name: str, change, said: str) -> None:  # type: ignore[no-untyped-def]
+    arrays = store.read_arrays(result.save(made_recovery, made_clip, config.Settings(), tmp_path), "recovery")
+    store.write_arrays(tmp_path / result.RECOVERY, arrays | {name: change(arrays[name])})
+    with pytest.raises(InputError, match=f"recovery {tmp_path}/recovery.npz: .*{said}") as caught:
+        result.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "3", "{", "[" * 100_000, "\udcff"])
+def test_metrics_that_are_no_object_are_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / result.METRICS).write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(InputError, match=r"metrics .*; recover the clip again"):
+        result.read_metrics(tmp_path)
+
+
+def with_outline(path: Path, change) -> Path:  # type: ignore[no-untyped-def]
+    arrays = store.read_arrays(path, "clip")
+    return store.write_arrays(path, arrays | {"outline": np.array(change(str(arrays["outline"])))})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text[:-5],
+        lambda text: "[" * 100_000,
+        lambda text: '{"dict":{"a":' * 60 + "1" + "}}" * 60,
+        lambda text: text.replace('"class": "Clip"', '"class": "ModalModel"'),
+        lambda text: text.replace('"class": "Clip"', '"class": "Path"'),
+        lambda text: text.replace('"class": "Clip"', '"class": ["Clip"]'),
+        lambda text: text.replace('"frames": {"array": "array_000"}', '"frames": "array_000"'),
+        lambda text: text.replace('"noise_m": 0.0001', '"noise_m": "small"'),
+        lambda text: text.replace('"has_free_tail": true', '"has_free_tail": 1'),
+        lambda text: text.replace('"start_ns": 17', '"start_ns": 9' + "9" * 30 + "17"),
+        lambda text: text.replace("array_000", "array_999"),
+        lambda text: '{"dict": []}',
+        lambda text: "null",
+    ],
+)
+def test_a_prepared_clip_whose_outline_is_not_ours_is_refused(tmp_path: Path, made_prepared: Prepared, change) -> None:  # type: ignore[no-untyped-def]
+    path = result.save_prepared(tmp_path / "clip.npz", made_prepared, config.Settings())
+    assert result.load_prepared(path).tracks.noise_m == 1e-4
+    with_outline(path, change)
+    with pytest.raises(InputError, match="diffphys ingest") as caught:
+        result.load_prepared(path)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "said"),
+    [
+        ("tracks", {"valid": np.ones((3, 7), bool)}, r"valid is of shape \(3, 7\)"),
+        ("body", {"part": np.full((4, 3), 3, np.uint8)}, "numbers of parts lie beyond 1 .. 2"),
+        ("body", {"pitch_m": float("nan")}, "pitch_m must be finite"),
+        ("start", {"young": np.ones(3)}, r"young is of shape \(3,\)"),
+        ("start", {"reasons": ()}, "one reason per part"),
+        ("modal", {"tets": np.full((1, 10), 99)}, "elements name nodes that there are none of"),
+        ("clip", {"labels": None}, "clip is without labels"),
+        ("clip", {"period_s": 0.0}, "period_s must be > 0"),
+    ],
+)
+def test_a_prepared_clip_whose_arrays_do_not_fit_each_other_is_refused(tmp_path: Path, made_prepared: Prepared, where: str, change: dict, said: str) -> None:
+    odd = dataclasses.replace(made_prepared, **{where: dataclasses.replace(getattr(made_prepared, where), **change)})
+    with pytest.raises(InputError, match=f"clip .*{said}.*; write it again with 'diffphys ingest'"):
+        result.load_prepared(result.save_prepared(tmp_path / "clip.npz", odd, config.Settings()))

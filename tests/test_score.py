@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.errors import InputError
+from diffphys_ros.result import owned
 from diffphys_ros.score import score, score_folder
 
 FRAMES = 20
@@ -111,6 +112,35 @@ def test_a_truth_that_misses_arrays_is_refused(tmp_path: Path, truth: Arrays) ->
     del truth["part_E"]
     with pytest.raises(InputError, match="misses part_E"):
         scored(tmp_path, truth, exact(truth))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("vertex_part", lambda a: a[:-1], r"vertex_part is of shape \(43,\), must be \(V = 44\)"),
+        ("positions", lambda a: a[0], "positions is of shape"),
+        ("positions", lambda a: a * np.nan, "positions must be finite"),
+        ("clamped", lambda a: a.astype(float), "clamped is of float64, must be truth"),
+        ("part_E", lambda a: a * 0, "part_E must be > 0"),
+        ("part_E", lambda a: a[:0], "an array is empty"),
+    ],
+)
+def test_a_truth_whose_arrays_do_not_fit_each_other_is_refused(tmp_path: Path, truth: Arrays, name: str, change, said: str) -> None:
+    with pytest.raises(InputError, match=f"truth .*{said}.*; give the truth.npz as it was written"):
+        scored(tmp_path, truth | {name: change(truth[name])}, exact(truth))
+
+
+@pytest.mark.parametrize("name", ["force", "trajectory", "young", "points"])
+def test_a_recovery_whose_arrays_do_not_fit_each_other_is_refused(tmp_path: Path, truth: Arrays, name: str) -> None:
+    recovery = exact(truth)
+    with pytest.raises(InputError, match=f"recovery .*{name}|recovery .*is of shape"):
+        scored(tmp_path, truth, recovery | {name: recovery[name][..., :1]})
+
+
+def test_scoring_a_folder_in_which_a_run_works_is_refused(tmp_path: Path, truth: Arrays) -> None:
+    scored(tmp_path, truth, exact(truth))
+    with owned(tmp_path), pytest.raises(InputError, match="another run owns it"):
+        score_folder(tmp_path, tmp_path / "truth.npz")
 
 
 def test_scoring_a_folder_adds_to_its_metrics(tmp_path: Path, truth: Arrays) -> None:

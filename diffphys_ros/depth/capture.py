@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from .. import shapes, store
 from ..config import Settings
 from ..errors import InputError
 from ..types import Camera, Clip
@@ -16,6 +18,11 @@ from .scale import DepthSource
 from .topic import fill_holes
 
 FILE = "clip_view.npz"  # in the folder of a capture
+_CAMERA = "camera_"  # what names of the camera's arrays begin with
+_LINES = {
+    "frame": "pixel H W 3", "distortion": "real 4", "depth": "real H W", "surface": "text", "scale": "text", "thickness_m": "gap", "thickness_axis": "real 3",
+    "camera_width": "whole", "camera_height": "whole", "camera_frame_id": "text", "camera_world_frame_id": "text",
+} | {f"{_CAMERA}{name}": line for name, line in shapes.CAMERA.items()}  # fmt: skip
 SAME_FRAME = 12.0  # grey levels: mean difference up to which a frame is the one that found its place
 
 
@@ -36,22 +43,29 @@ class ClipView:
         """Plain arrays by name, as FILE holds them."""
         values = {name: np.asarray(value) for name, value in vars(self).items() if name != "camera"}
         camera = {name: np.asarray(value) for name, value in vars(self.camera).items()}
-        return values | {f"camera_{name}": value for name, value in camera.items()}
+        return values | {f"{_CAMERA}{name}": value for name, value in camera.items()}
 
 
 def read_clip_view(folder: str | Path) -> ClipView:
     """What the capture in a folder knows about its clip. Raises InputError where there is none, or it was made without a clip."""
     path = Path(folder) / FILE
+    if not path.exists():
+        raise InputError(f"depth.capture {folder}: holds no {FILE}; make it with 'diffphys capture IMAGES --clip CLIP --out {folder}'")
+    arrays = store.read_arrays(path, "depth.capture", cure="make the capture again")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            values = {name: file[name] for name in file.files}
-        plain = {name: value.item() if value.ndim == 0 else value for name, value in values.items()}
-        camera = Camera(**{name.removeprefix("camera_"): plain.pop(name) for name in list(plain) if name.startswith("camera_")})
-        return ClipView(camera=camera, **plain)
-    except FileNotFoundError as error:
-        raise InputError(f"depth.capture {folder}: holds no {FILE}; make it with 'diffphys capture IMAGES --clip CLIP --out {folder}'") from error
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"depth.capture {path}: cannot be read ({error}); make the capture again") from error
+        return _view_of(arrays)
+    except shapes.MisshapenError as error:
+        raise InputError(f"depth.capture {path}: {error}; make the capture again") from error
+
+
+def _view_of(arrays: Mapping[str, np.ndarray]) -> ClipView:
+    """The inverse of ClipView.arrays. Raises shapes.MisshapenError for arrays that do not fit each other."""
+    sizes = shapes.check(arrays, _LINES)
+    plain: dict[str, Any] = {name: arrays[name].item() if arrays[name].ndim == 0 else arrays[name] for name in _LINES}
+    camera = Camera(**{name.removeprefix(_CAMERA): plain.pop(name) for name in list(plain) if name.startswith(_CAMERA)})
+    shapes.check_camera(camera, sizes)
+    shapes.require(np.isnan(plain["thickness_m"]) or 0 < plain["thickness_m"] < np.inf, "thickness_m must be > 0")
+    return ClipView(camera=camera, **plain)
 
 
 def registered(clip: Clip, settings: Settings) -> tuple[Clip, Settings]:

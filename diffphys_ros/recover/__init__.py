@@ -39,6 +39,8 @@ def run(
 
         yield Progress("reading", text=str(source))
         source = read_clip(source, settings)
+    if checkpoint is not None:
+        checkpoint.bind(source, settings)
     prepared = yield from prepare(source, settings)
     return (yield from _solved(prepared, settings, judge, splats, checkpoint, clock))
 
@@ -47,6 +49,8 @@ def solve_prepared(prepared: Prepared, settings: Settings, *, checkpoint: Checkp
     """The part of the job that needs only torch, numpy, scipy and Warp."""
     clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=pick_device(settings))
+    if checkpoint is not None:
+        checkpoint.bind(prepared.clip, settings)
     return (yield from _solved(prepared, settings, judge, None, checkpoint, clock))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .. import shapes
 from ..config import Settings
 from ..errors import InputError, shown
 from ..losses import foreground
@@ -33,6 +34,24 @@ class Prepared:
     modal: ModalModel
     prior: MaterialPrior | None = None  # of the material
     zones: Zoned | None = None  # where the material is wanted as a field
+
+    def check(self) -> None:
+        """Holds arrays of unknown origin to the shapes and bounds that the solver counts on. Raises shapes.MisshapenError."""
+        sizes = shapes.check_clip(self.clip)
+        shapes.require(self.clip.labels is not None and len(self.clip) >= LEAST_FRAMES, f"clip is without labels or has fewer than {LEAST_FRAMES} frames")
+        shapes.check({"depth0": self.depth0}, {"depth0": "real H W"}, sizes)
+        shapes.check_tracks(self.tracks, sizes["T"])
+        parts = shapes.check_body(self.body)
+        shapes.check_start(self.start, sizes["T"], parts)
+        shapes.check_modal(self.modal, parts)
+        if self.prior is not None:
+            shapes.check_prior(self.prior, sizes)
+        if self.zones is not None:
+            zones = shapes.check_body(self.zones.body)
+            shapes.check_start(self.zones.start, sizes["T"], zones)
+            shapes.check_modal(self.zones.modal, zones)
+            shapes.check(vars(self.zones), shapes.ZONED, {"n": zones})
+            shapes.require(self.zones.part.min() >= 1 and self.zones.part.max() <= parts, "zones lie in parts that there are none of")
 
 
 def label(clip: Clip, settings: Settings) -> Clip:

@@ -152,7 +152,7 @@ def solve(
     count = len(problem.disc.particles.own)
     grid = f"apparent stiffness {problem.disc.apparent:.3f}, after which the grid's own error of log10 E is {problem.disc.expected_log10_error:.3f}"
     yield Progress("plan", text=f"{problem.plan.text()}; {count} particles, {grid}" if problem.plan.simulates else problem.plan.text())
-    stored = checkpoint.load(problem.layout.size)
+    stored = checkpoint.load(problem.layout.size, problem.layout.parts)
     state = yield from _search(problem, checkpoint, clock, stored)
     trained = None
     if fields_wanted(settings) and np.isfinite(state.value) and not clock.stopped:

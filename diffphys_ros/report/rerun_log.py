@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +30,7 @@ class Stream:
     def __init__(self, *, file: str | Path | None = None, viewer: str | None = None, recording_id: str | None = None) -> None:
         if (file is None) == (viewer is None):
             raise ValueError("give a file or a viewer")
-        self._rec = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+        self._rec = _recording(recording_id)
         if file is not None:
             self._rec.save(str(file), default_blueprint=blueprint())
         elif viewer == "spawn":
@@ -116,6 +119,12 @@ class Stream:
         self._rec.log("summary", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
+def _recording(recording_id: str | None) -> rr.RecordingStream:
+    """A recording, begun in a thread of its own: one that a signal broke off half-way could not be thrown away without a traceback."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(rr.RecordingStream, APPLICATION, recording_id=recording_id).result()
+
+
 def blueprint() -> rrb.Blueprint:
     """The default arrangement: images, world, force and loss over time."""
     images = rrb.Vertical(
@@ -135,9 +144,14 @@ def blueprint() -> rrb.Blueprint:
 
 
 def write_rrd(path: str | Path, recovery: Recovery, clip: Clip, splats: Splats | None = None) -> Path:
-    """Write a whole recovery as an .rrd file: input, render, particles coloured by stiffness, force, loss."""
-    with Stream(file=path, recording_id=f"{clip.start_ns}") as stream:
-        log_recovery(stream, recovery, clip, splats=splats)
+    """Write a whole recovery as an .rrd file: input, render, particles coloured by stiffness, force, loss. Raises OSError.
+
+    The file is made in memory, where it is smaller than the clip's frames: rerun waits for ever on a disc that is full.
+    """
+    with open(os.memfd_create("rrd"), "r+b") as memory, Path(path).open("wb") as file:
+        with Stream(file=f"/proc/self/fd/{memory.fileno()}", recording_id=f"{clip.start_ns}") as stream:
+            log_recovery(stream, recovery, clip, splats=splats)
+        shutil.copyfileobj(memory, file)
     return Path(path)
 
 

@@ -126,8 +126,27 @@ def test_a_folder_without_a_capture_and_one_that_knows_nothing_of_the_object_are
     with pytest.raises(InputError, match=r"diffphys capture IMAGES --clip"):
         surface_depth(clip, of(tmp_path, depth__source="capture"))
     (tmp_path / FILE).write_bytes(b"PK\x03\x04 torn")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"not a readable \.npz .*; make the capture again"):
         surface_depth(clip, of(tmp_path, depth__source="capture"))
     write(tmp_path, clip, depth=np.zeros((160, 240), np.float32))
     with pytest.raises(InputError, match="knows no depth on the object"):
         surface_depth(clip, of(tmp_path, depth__source="capture"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"depth": np.ones((3, 4), np.float32)}, "depth is of shape"),
+        ({"depth": None}, "depth is missing"),
+        ({"distortion": np.array([np.nan] * 4)}, "distortion must be finite"),
+        ({"camera_width": np.array(7)}, "images are not of the camera's 7 x 160 pixels"),
+        ({"camera_pixel_from_camera": np.zeros((3, 3))}, "the camera's matrix is that of no pinhole"),
+        ({"thickness_m": np.array(-1.0)}, "thickness_m must be > 0"),
+        ({"surface": np.zeros(3)}, "surface is of shape"),
+    ],
+)
+def test_a_capture_whose_arrays_do_not_fit_each_other_is_refused(clip: Clip, tmp_path: Path, change: dict, said: str) -> None:
+    arrays = write(tmp_path, clip).arrays() | change
+    np.savez_compressed(tmp_path / FILE, **{name: value for name, value in arrays.items() if value is not None})
+    with pytest.raises(InputError, match=f"depth.capture .*{said}.*; make the capture again"):
+        read_clip_view(tmp_path)
