@@ -7,6 +7,8 @@ import difflib
 import os
 import signal
 import sys
+import tempfile
+import traceback
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,11 +16,11 @@ from typing import Any
 from . import __version__, config
 from .errors import InputError, SimulationError, short, shown
 
-FAILED, USAGE_ERROR, INTERRUPTED = 1, 2, 130
+FAILED, USAGE_ERROR, FAULT, INTERRUPTED = 1, 2, 70, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; returns the exit status: 0 done, 1 clips of a batch failed, 2 bad input, 130 interrupted."""
+    """Runs one command; returns the exit status: 0 done, 1 clips of a batch failed, 2 bad input, 70 an error of the program, 130 interrupted."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch are imported: the tensors are small, threads cost more than they give
     options = argparse.Namespace(command="")
@@ -32,6 +34,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         again = "the same command goes on from there" if options.command == "capture" else "`--resume` goes on from the last checkpoint"
         print(f"diffphys: interrupted; {again}", file=sys.stderr)
         return INTERRUPTED
+    except Exception as error:
+        print(f"diffphys: {_fault(error)}", file=sys.stderr)
+        return FAULT
+
+
+def _fault(error: Exception) -> str:
+    """One sentence about an error of the program, whose traceback goes to a file."""
+    said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="diffphys-", suffix=".txt", delete=False) as file:
+            file.write("".join(traceback.format_exception(error)))
+    except OSError:
+        return f"error of the program ({said}); please report it with the input that led to it"
+    return f"error of the program ({said}); please report it with {file.name} and the input that led to it"
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,6 +68,16 @@ def test_a_checkpoint_of_another_clip_is_refused_before_the_clip_is_worked_on(tm
     assert "belongs to another clip or other settings" in said.err
     assert "segment" not in said.out
     assert (tmp_path / result.CHECKPOINT).exists()
+
+
+def test_an_error_of_the_program_is_one_sentence_and_its_traceback_is_kept(monkeypatch, capfd):
+    monkeypatch.setattr(config, "leaves", lambda: 1 / 0)
+    assert main(["settings"]) == 70
+    said = capfd.readouterr().err
+    assert len(said.splitlines()) == 1
+    kept = Path(re.search(r"report it with (\S+) and the input", said)[1])
+    assert "ZeroDivisionError" in kept.read_text()
+    kept.unlink()
 
 
 def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):

@@ -21,8 +21,6 @@ SCORE_S = 600.0  # longest time for a score
 MAX_ATTEMPTS = 3  # in one batch, where the worker or its machine dies under a clip
 REASON_LENGTH = 400
 TAIL = 8192  # bytes of the log in which the reason is looked for
-RESULTS = (result.RECOVERY, result.METRICS, result.RECORDING, result.RERUN, result.FIGURE)
-CHECKPOINT = "checkpoint.npz"  # the recovery's own, in the result folder
 
 
 @dataclass(frozen=True)
@@ -95,9 +93,9 @@ class Running:
         if attempts > MAX_ATTEMPTS:
             self._end(FAILED, f"its worker died {MAX_ATTEMPTS} times; see {LOG} and the memory of the machines")
             return
-        resume = (self.folder / CHECKPOINT).exists() and former.hash == self.job.hash and (self.job.resume or again)
+        resume = (self.folder / result.CHECKPOINT).exists() and former.hash == self.job.hash and (self.job.resume or again)
         # a folder never holds the result of another run than its status tells of
-        for name in (*RESULTS, *([] if resume else [CHECKPOINT])):
+        for name in (*result.FILES, *([] if resume else [result.CHECKPOINT])):
             (self.folder / name).unlink(missing_ok=True)
         write_status(self.folder, self.status)
         self._recover(resume=resume, keep_log=resume or again)
@@ -148,8 +146,8 @@ class Running:
             self._end(TIMED_OUT, f"not done after {self.job.timeout_s:g} s; raise --timeout_s or lower fit.time_budget_s")
         elif self._stopped:
             self._end(INTERRUPTED, "--resume goes on")
-        elif self._resumed and ended.exit == 2 and CHECKPOINT in reason:
-            (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        elif self._resumed and ended.exit == 2 and result.CHECKPOINT in reason:
+            (self.folder / result.CHECKPOINT).unlink(missing_ok=True)
             self._try(lambda: self._recover(resume=False, keep_log=True))
         else:
             self._end(FAILED, reason)
