@@ -136,13 +136,14 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
 def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float]) -> np.ndarray:
     """Rigid transform (4, 4) [m] of a geometry_msgs/Transform: translation xyz [m], rotation quaternion xyzw.
 
-    Raises InputError where the quaternion has no length or a number is not finite.
+    Raises InputError where the quaternion has no length, or a number is not finite or absurd.
     """
     q = np.asarray(rotation, float)
-    norm = np.linalg.norm(q)
-    if not norm > 1e-6 or not np.isfinite([*q, *translation]).all():
+    bounded = np.abs([*q, *translation]).max() < MOST_DISTANCE_M  # false for NaN
+    norm = np.linalg.norm(q) if bounded else 0.0
+    if not norm > 1e-6:
         raise InputError(
-            f"a transform has the rotation {shown(q.tolist())} and the translation {shown(list(translation))}, must be a unit quaternion xyzw and finite; "
+            f"a transform has the rotation {shown(q.tolist())} and the translation {shown(list(translation))}, must be a unit quaternion xyzw and a place within {MOST_DISTANCE_M:g} m; "
             "correct the publisher"
         )
     x, y, z, w = q / norm

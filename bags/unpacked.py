@@ -6,7 +6,6 @@ recording GROWTH times its size, and a database is not worked on for longer than
 
 from __future__ import annotations
 
-import io
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -143,7 +142,7 @@ def _unpacked(data: bytes, size: int, decompressor: Callable[[], Any]) -> bytes:
     return b"".join(parts)
 
 
-def _open_zstd(file: io.BufferedReader, mode: str) -> Any:
+def _open_zstd(file: Any, mode: Any) -> Any:
     from rosbags.rosbag2.storage_mcap import zstd
 
     return _Counted(zstd.open(file, mode))
