@@ -21,7 +21,7 @@ from diffphys_ros.types import IGNORE, Camera, Clip, Tracks
 
 COUNT = 10_000
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 33_333_333
-SIZES = ((36, 48), (48, 64), (48, 64), (32, 32))
+SIZES = ((36, 48), (48, 64), (48, 64), (64, 80), (32, 32))
 ODD_SIZES = ((1, 1), (2, 3), (7, 7), (24, 32), (9, 31), (1, 64), (64, 1), (31, 300), (32, 300), (33, 37), (24, 300))
 VALUES = (0.0, -1.0, 1e-30, 1e30, 3e38, np.nan, np.inf, -np.inf)
 
@@ -73,7 +73,7 @@ def _surface(rng: np.random.Generator, clip: Clip, mask: np.ndarray) -> np.ndarr
 def _clip(rng: np.random.Generator) -> Clip:
     sizes = ODD_SIZES if rng.random() < 0.1 else SIZES
     height, width = sizes[int(rng.integers(len(sizes)))]
-    count = int(rng.choice([0, 1, 2, 3, 5, 8, 8, 8, 8, 8, 8, 12]))
+    count = int(rng.choice([0, 1, 2, 3, 5, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 12]))
     frames = _frames(rng, count, height, width)
     stamps = _stamps(rng, count)
     camera = _camera(rng, width, height)
@@ -85,7 +85,7 @@ def _clip(rng: np.random.Generator) -> Clip:
 
 
 def _frames(rng: np.random.Generator, count: int, height: int, width: int) -> list[np.ndarray]:
-    kind = int(rng.integers(9))
+    kind = int(rng.choice([0, 1, 2, 3, 4, 4, 5, 6, 7, 8, 8, 8]))
     noise = rng.integers(0, 256, (height, width, 3)).astype(np.uint8)
     texture = rng.integers(0, 256, (height // 2 + 1, width // 2 + 1, 3)).astype(np.uint8)
     smooth = cv2.GaussianBlur(texture, (0, 0), 1.0).reshape(texture.shape)
@@ -126,7 +126,7 @@ def _camera(rng: np.random.Generator, width: int, height: int) -> Camera:
     pose = np.eye(4)
     pose[:3, 3] = rng.normal(0, 1, 3)
     named = {"world_from_camera": pose, "world_frame_id": "map"} if rng.random() < 0.5 else {}
-    if rng.random() < 0.5:
+    if rng.random() < 0.7:
         return camera_from_fov(float(rng.choice([1.0, 50.0, 170.0])), width, height, **named)
     k = np.array([1.2 * width, 0, width / 2, 0, 1.2 * height, height / 2, 0, 0, 1])
     if rng.random() < 0.1:
@@ -160,7 +160,7 @@ def _depths(rng: np.random.Generator, images: list[tuple[int, np.ndarray]], heig
 
 def _mask(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     mask = np.zeros((height, width), np.uint8)
-    how = int(rng.integers(9))
+    how = int(rng.integers(13))
     if how == 0:
         mask[int(rng.integers(height)), int(rng.integers(width))] = int(rng.choice([1, 2, 255]))
     elif how == 1:
@@ -198,8 +198,8 @@ def _settings(rng: np.random.Generator, folder: Path) -> config.Settings:
     if rng.random() < 0.3:
         values["scene.thickness_axis"] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1e-9]][int(rng.integers(3))]
     values["segment.max_parts"] = int(rng.choice([1, 3, 8]))
-    values["tracks.spacing_px"] = int(rng.choice([1, 1, 4, 64]))
-    values["tracks.window_px"] = int(rng.choice([5, 15, 63]))
+    values["tracks.spacing_px"] = int(rng.choice([1, 2, 4, 64]))
+    values["tracks.window_px"] = int(rng.choice([5, 9, 15, 63], p=[0.45, 0.25, 0.27, 0.03]))
     return config.build(values)
 
 
