@@ -361,22 +361,27 @@ def _chunks(rng: np.random.Generator, folder: Path) -> Path:
     from backports import zstd
 
     size = int(rng.choice([0, 10, 10**5, 10**7]))
-    inner = bytes(size)
-    packed = zstd.compress(inner) if rng.random() < 0.8 else spoil(rng, zstd.compress(inner))
+    packed = zstd.compress(bytes(size))
+    if rng.random() < 0.2:
+        packed = spoil(rng, packed)
     stated = int(rng.choice([size, size, 0, 100, 2**31, 2**40, 2**63 - 1]))
+    data = chunked(packed, stated, indexed=bool(rng.random() < 0.7), entries=int(rng.choice([1, 1, 2, 500])))
+    return _written(folder, "clip.mcap", data)
+
+
+def chunked(packed: bytes, stated: int, *, indexed: bool, entries: int) -> bytes:
+    """An MCAP file of one zstd chunk that states a size [bytes], with a summary that names the chunk `entries` times, or without one."""
     chunk = struct.pack("<QQQI", START_NS, START_NS + 10**9, stated, 0) + _text("zstd") + struct.pack("<Q", len(packed)) + packed
     start = b"\x89MCAP0\r\n" + _record(1, _text("ros2") + _text(""))
-    body = start + _record(6, chunk)
     topics = _record(3, struct.pack("<H", 1) + _text(IMAGE) + _text("ros2msg") + _text(""))
-    topics += _record(4, struct.pack("<HH", 1, 1) + _text(COLOUR_TOPIC) + _text("cdr") + _text(""))
+    topics += _record(4, struct.pack("<HH", 1, 1) + _text(COLOUR_TOPIC) + _text("cdr") + _text("") + _text(""))
+    if not indexed:
+        return start + topics + _record(6, chunk) + _record(2, bytes(20)) + b"\x89MCAP0\r\n"
+    body = start + _record(6, chunk)
     topics += _record(11, struct.pack("<QHIIIIQQ", 9, 1, 1, 0, 0, 1, START_NS, START_NS + 10**9) + struct.pack("<I", 10) + struct.pack("<HQ", 1, 9))
-    entry = struct.pack("<QQQQ", START_NS, START_NS + 10**9, len(start), 9 + len(chunk)) + struct.pack("<IHQ", 10, 1, len(body) - 50)
-    entry += struct.pack("<Q", 50) + _text("zstd") + struct.pack("<QQ", len(packed), stated)
-    index = _record(8, entry) * int(rng.choice([1, 1, 2, 500]))
-    with_summary = rng.random() < 0.7
-    summary = topics + index if with_summary else b""
-    footer = _record(2, struct.pack("<QQI", len(body) if with_summary else 0, 0, 0))
-    return _written(folder, "clip.mcap", body + (b"" if with_summary else topics) + summary + footer + b"\x89MCAP0\r\n")
+    where = struct.pack("<QQQQ", START_NS, START_NS + 10**9, len(start), 9 + len(chunk)) + struct.pack("<IHQ", 10, 1, len(body))
+    index = _record(8, where + struct.pack("<Q", 31) + _text("zstd") + struct.pack("<QQ", len(packed), stated)) * entries
+    return body + topics + index + _record(2, struct.pack("<QQI", len(body), 0, 0)) + b"\x89MCAP0\r\n"
 
 
 def _record(code: int, data: bytes) -> bytes:
