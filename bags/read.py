@@ -20,6 +20,7 @@ from diffphys_ros.errors import InputError, listed, shown
 from diffphys_ros.types import Camera, Clip
 
 TF_STATIC, TF_MESSAGE = "/tf_static", "tf2_msgs/msg/TFMessage"
+MOST_REASON = 300  # characters: an image's own words stand in it
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
@@ -99,7 +100,7 @@ def decoded(message: Any, source: str, topic: str) -> np.ndarray:
             return decode_compressed(message.format, message.data)
         return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
     except InputError as error:
-        raise InputError(f"{source}: topic {shown(topic)}: {error}") from error
+        raise InputError(f"{source}: topic {shown(topic)}: {shown(error, MOST_REASON)}") from error
 
 
 def seen_through(

@@ -11,7 +11,6 @@ from ..config import Settings
 from ..errors import InputError, shown
 from ..types import IGNORE, Clip
 
-
 MOST_BYTES = 256 << 20  # of a mask's file
 MOST_PARTS = 16
 

@@ -19,7 +19,7 @@ from diffphys_ros.bags.storage import existing, typestore
 from diffphys_ros.bags.write import to_message
 from diffphys_ros.errors import InputError
 
-from .conftest import START_NS, Message, colour_topic, depth_topic, info_topic
+from .conftest import START_NS, Message, colour_topic, info_topic
 
 DEFAULT = config.Settings()
 Record = Callable[..., Path]
