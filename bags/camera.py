@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from diffphys_ros.errors import InputError, listed, shown
+from diffphys_ros.errors import InputError, listed, named
 from diffphys_ros.types import Camera
 
 ASSUMED_FOV_DEG = 50.0
@@ -105,7 +105,7 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
     allowed = COEFFICIENTS.get(model or "rational_polynomial")
     if allowed is None:
         raise InputError(
-            f"camera_info has distortion_model '{shown(model)}', must be plumb_bob, rational_polynomial or equidistant; record rectified images"
+            f"camera_info has distortion_model '{named(model)}', must be plumb_bob, rational_polynomial or equidistant; record rectified images"
         )
     if coefficients.size not in allowed:
         raise InputError(
@@ -143,7 +143,7 @@ def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float
     norm = np.linalg.norm(q) if bounded else 0.0
     if not norm > 1e-6:
         raise InputError(
-            f"a transform has the rotation {shown(q.tolist())} and the translation {shown(list(translation))}, must be a unit quaternion xyzw and a place within {MOST_DISTANCE_M:g} m; "
+            f"a transform has the rotation {named(q.tolist())} and the translation {named(list(translation))}, must be a unit quaternion xyzw and a place within {MOST_DISTANCE_M:g} m; "
             "correct the publisher"
         )
     x, y, z, w = q / norm
@@ -163,13 +163,13 @@ def pose_in_root(edges: Edges, frame_id: str) -> tuple[np.ndarray, str]:
     while last in edges:
         parent, matrix = edges[last]
         if parent in seen:
-            names = " <- ".join(shown(name, 40) for name in [*list(seen)[:4], parent])
+            names = " <- ".join(named(name, 40) for name in [*list(seen)[:4], parent])
             raise InputError(f"/tf_static: the transforms {names} form a circle; correct the publisher")
         pose, last = matrix @ pose, parent
         seen[parent] = None
     if not np.abs(pose).max() < MOST_DISTANCE_M:
         raise InputError(
-            f"/tf_static: {shown(frame_id)} lies {np.abs(pose).max():.3g} m from {shown(last)}, must be nearer than {MOST_DISTANCE_M:g} m; correct the publisher"
+            f"/tf_static: {named(frame_id)} lies {np.abs(pose).max():.3g} m from {named(last)}, must be nearer than {MOST_DISTANCE_M:g} m; correct the publisher"
         )
     return pose, last
 

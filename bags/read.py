@@ -12,11 +12,11 @@ import numpy as np
 from diffphys_ros.bags.assemble import Bounded, Stamped, assemble
 from diffphys_ros.bags.camera import Edges, camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
 from diffphys_ros.bags.decode import decode_compressed, decode_image
-from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag, shown_path
+from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag
 from diffphys_ros.bags.topics import choose_topics, image_topics
 from diffphys_ros.bags.video import read_images, read_video
 from diffphys_ros.config import Settings
-from diffphys_ros.errors import InputError, listed, shown
+from diffphys_ros.errors import InputError, listed, named, shown
 from diffphys_ros.types import Camera, Clip
 
 TF_STATIC, TF_MESSAGE = "/tf_static", "tf2_msgs/msg/TFMessage"
@@ -32,10 +32,10 @@ def read_clip(path: str | Path, settings: Settings) -> Clip:
     """
     path = existing(path)
     if path.suffix == ".bag":
-        raise InputError(f"{shown_path(path)}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
+        raise InputError(f"{shown(path)}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
     if is_bag(path):
         with open_bag(path) as bag:
-            return _read_bag(bag, settings, shown_path(path))
+            return _read_bag(bag, settings, shown(path))
     return read_images(path, settings) if path.is_dir() else read_video(path, settings)
 
 
@@ -65,11 +65,11 @@ def _first_mask(bag: Bag, topic: str | None, stamp: int, source: str) -> np.ndar
         return None
     if topic not in image_topics(bag):
         raise InputError(
-            f"{source}: topics.mask is '{shown(topic)}', must be one of {listed(sorted(image_topics(bag)), 4) or 'none (there are no image topics)'}"
+            f"{source}: topics.mask is '{named(topic)}', must be one of {listed(sorted(image_topics(bag)), 4) or 'none (there are no image topics)'}"
         )
     masks, _, _ = _read_topic(bag, topic, source, "mask")
     if not masks:
-        raise InputError(f"{source}: topic {shown(topic)} holds no message, needs a label image of frame 0; name another with topics.mask")
+        raise InputError(f"{source}: topic {named(topic)} holds no message, needs a label image of frame 0; name another with topics.mask")
     return nearest(masks, stamp)[..., 0]
 
 
@@ -85,12 +85,12 @@ def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[t
     for _, log_ns, message in bag.messages([topic]):
         image = decoded(message, source, topic)
         if image.ndim != dimensions:
-            raise InputError(f"{source}: topic {shown(topic)} holds no {what} images; name another with topics.{setting}")
+            raise InputError(f"{source}: topic {named(topic)} holds no {what} images; name another with topics.{setting}")
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         unstamped |= not stamp
         frame_id = frame_id or message.header.frame_id
         images.add(stamp or log_ns, image)
-    return images.taken, frame_id, [f"images of {shown(topic)} carry no stamp; the times of recording are used"] if unstamped else []
+    return images.taken, frame_id, [f"images of {named(topic)} carry no stamp; the times of recording are used"] if unstamped else []
 
 
 def decoded(message: Any, source: str, topic: str) -> np.ndarray:
@@ -100,7 +100,7 @@ def decoded(message: Any, source: str, topic: str) -> np.ndarray:
             return decode_compressed(message.format, message.data)
         return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
     except InputError as error:
-        raise InputError(f"{source}: topic {shown(topic)}: {shown(error, MOST_REASON)}") from error
+        raise InputError(f"{source}: topic {named(topic)}: {named(error, MOST_REASON)}") from error
 
 
 def seen_through(
@@ -125,7 +125,7 @@ def seen_through(
         return camera_from_fov(fov, width, height, frame_id, pose, root), None, [note]
     if info.width and (info.width, info.height) != (width, height):
         raise InputError(
-            f"{source}: {shown(info_topic)} is for {info.width}x{info.height} px, the images of {shown(image_topic)} have {width}x{height} px; "
+            f"{source}: {named(info_topic)} is for {info.width}x{info.height} px, the images of {named(image_topic)} have {width}x{height} px; "
             "name the right topic with topics.camera_info"
         )
     # rectified images share their camera_info with the raw ones; p is theirs
@@ -135,14 +135,14 @@ def seen_through(
         camera = camera_from_info(k, d, width, height, frame_id, pose, root)
         undistort = undistorter(k, d, info.distortion_model, width, height)
     except InputError as error:
-        raise InputError(f"{source}: topic {shown(info_topic)}: {error}") from error
+        raise InputError(f"{source}: topic {named(info_topic)}: {error}") from error
     return camera, undistort, ["lens distortion was removed from the images"] if undistort else []
 
 
 def _static_transforms(bag: Bag, source: str) -> dict[str, tuple[str, np.ndarray]]:
     kind = bag.types.get(TF_STATIC, TF_MESSAGE)
     if kind != TF_MESSAGE:
-        raise InputError(f"{source}: topic {TF_STATIC} holds {shown(kind)}, must hold {TF_MESSAGE}; record it again, or leave the topic out")
+        raise InputError(f"{source}: topic {TF_STATIC} holds {named(kind)}, must hold {TF_MESSAGE}; record it again, or leave the topic out")
     links = [link for _, _, message in bag.messages([TF_STATIC]) for link in message.transforms]
     return dict(edge(link) for link in links)
 
@@ -153,4 +153,4 @@ def edge(link: Any) -> tuple[str, tuple[str, np.ndarray]]:
     try:
         return link.child_frame_id, (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
     except InputError as error:
-        raise InputError(f"{shown(link.child_frame_id)} in {shown(link.header.frame_id)}: {error}") from error
+        raise InputError(f"{named(link.child_frame_id)} in {named(link.header.frame_id)}: {error}") from error

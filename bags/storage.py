@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from diffphys_ros.bags.unpacked import begin_pass, bound_rosbags, bounded_databases, check_chunks, check_metadata
-from diffphys_ros.errors import InputError, listed, shown
+from diffphys_ros.errors import InputError, listed, named, shown
 
 METADATA = "metadata.yaml"  # of a rosbag2 folder
-MOST_PATH = 160  # characters of a path in a sentence
+MOST_REASON = 160  # characters of what a parser says
 
 
 @cache
@@ -41,7 +41,7 @@ class Bag:
         a topic of two types."""
         for topic in self.mixed.keys() & set(topics):
             raise InputError(
-                f"{shown_path(self._path)}: topic {shown(topic)} holds messages of {len(self.mixed[topic])} types ({listed(sorted(self.mixed[topic]), 3)}), "
+                f"{shown(self._path)}: topic {named(topic)} holds messages of {len(self.mixed[topic])} types ({listed(sorted(self.mixed[topic]), 3)}), "
                 "must hold one; record it again with a name for each"
             )
         begin_pass(self._bytes)
@@ -88,13 +88,8 @@ def existing(path: str | Path) -> Path:
     if found:
         return path
     if there:
-        raise InputError(f"{shown_path(path)}: is neither a regular file nor a folder; give the path of a bag, a video or a folder of images")
-    raise InputError(f"{shown_path(path)}: there is no such file or folder; give the path of a bag, a video or a folder of images")
-
-
-def shown_path(path: str | Path) -> str:
-    """A path for a sentence."""
-    return shown(path, MOST_PATH)
+        raise InputError(f"{shown(path)}: is neither a regular file nor a folder; give the path of a bag, a video or a folder of images")
+    raise InputError(f"{shown(path)}: there is no such file or folder; give the path of a bag, a video or a folder of images")
 
 
 def _size(path: Path) -> int:
@@ -106,7 +101,7 @@ def _check_files(path: Path) -> None:
     if not path.is_dir():
         return
     if odd := [file.name for file in path.iterdir() if not (file.is_file() or file.is_dir())]:
-        raise InputError(f"{shown_path(path)}: {listed(odd, 3)} is no regular file; remove it from the recording's folder")
+        raise InputError(f"{shown(path)}: {listed(odd, 3)} is no regular file; remove it from the recording's folder")
     check_metadata(path / METADATA)
 
 
@@ -117,7 +112,7 @@ def _readable(path: Path) -> Iterator[None]:
     except (InputError, GeneratorExit):
         raise
     except Exception as error:  # a damaged file can fail anywhere below: in the container, the compression or the messages
-        reason = shown(" ".join(str(error)[:1000].split()).rstrip("."), MOST_PATH) or type(error).__name__
+        reason = named(" ".join(str(error)[:1000].split()).rstrip("."), MOST_REASON) or type(error).__name__
         raise InputError(
-            f"{shown_path(path)}: not a complete ROS 2 recording ({reason}); record it again, or mend it with 'mcap recover' or 'ros2 bag reindex'"
+            f"{shown(path)}: not a complete ROS 2 recording ({reason}); record it again, or mend it with 'mcap recover' or 'ros2 bag reindex'"
         ) from error

@@ -7,7 +7,7 @@ from typing import Any
 from diffphys_ros.bags.decode import decode_compressed, is_depth
 from diffphys_ros.bags.storage import Bag
 from diffphys_ros.config import Topics
-from diffphys_ros.errors import InputError, listed, shown
+from diffphys_ros.errors import InputError, listed, named
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 NONE = "none"  # setting that leaves a topic out
@@ -74,7 +74,7 @@ def _pick(bag: Bag, wanted: str | None, found: list[str], allowed: list[str], se
     if wanted is not None:
         if wanted not in allowed:
             raise InputError(
-                f"{source}: topics.{setting} is '{shown(wanted)}', must be one of {listed(sorted(allowed), 4) or 'none (there are no such topics)'}"
+                f"{source}: topics.{setting} is '{named(wanted)}', must be one of {listed(sorted(allowed), 4) or 'none (there are no such topics)'}"
             )
         return wanted
     if len(found) > 1:

@@ -13,9 +13,9 @@ import numpy as np
 from diffphys_ros.bags.assemble import Bounded, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
-from diffphys_ros.bags.storage import existing, shown_path
+from diffphys_ros.bags.storage import existing
 from diffphys_ros.config import Settings
-from diffphys_ros.errors import InputError, shown
+from diffphys_ros.errors import InputError, named, shown
 from diffphys_ros.types import Clip
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -23,7 +23,7 @@ FRAME_RATES = (0.1, 1e5)  # Hz, that a video may state
 LEAST_DECODED = 0.9  # of the frames that a video announces: containers that estimate their number are off by a few
 PROBE_BYTES = 4096  # without a zero byte, a file is text
 MOST_PICTURE_BYTES = 256 << 20
-JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # the decoder fills what is cut off with grey and says nothing
+JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenCV 4 fills what is cut off with grey
 
 
 def read_video(path: Path, settings: Settings) -> Clip:
@@ -31,8 +31,8 @@ def read_video(path: Path, settings: Settings) -> Clip:
     fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
     low, high = FRAME_RATES
     if not low <= fps <= high:
-        raise InputError(f"{shown_path(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
-    clip = _clip(video_frames(path), fps, settings.camera.fov_deg, shown_path(path))
+        raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
+    clip = _clip(video_frames(path), fps, settings.camera.fov_deg, shown(path))
     announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
     if len(clip) >= LEAST_DECODED * announced:
         return clip
@@ -62,7 +62,7 @@ def _opened(path: Path) -> cv2.VideoCapture:
         with existing(path).open("rb") as file:
             text = b"\0" not in file.read(PROBE_BYTES)
     except OSError as error:
-        raise InputError(f"{shown_path(path)}: {error.strerror or error}; give a file that can be read") from error
+        raise InputError(f"{shown(path)}: {error.strerror or error}; give a file that can be read") from error
     capture = cv2.VideoCapture() if text else cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise _no_video(path)
@@ -70,7 +70,7 @@ def _opened(path: Path) -> cv2.VideoCapture:
 
 
 def _no_video(path: Path) -> InputError:
-    return InputError(f"{shown_path(path)}: holds no video that can be decoded; give an .mcap file, a rosbag2 folder, an .mp4 or a folder of images")
+    return InputError(f"{shown(path)}: holds no video that can be decoded; give an .mcap file, a rosbag2 folder, an .mp4 or a folder of images")
 
 
 def _stated(path: Path, what: int) -> float:
@@ -86,11 +86,11 @@ def read_images(path: Path, settings: Settings) -> Clip:
     """The clip in a folder of .png or .jpg images, in the order of the numbers in their names. Raises InputError."""
     files = image_files(path)
     if not files:
-        raise InputError(f"{shown_path(path)}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
+        raise InputError(f"{shown(path)}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
     if settings.camera.fps is None:
-        raise InputError(f"{shown_path(path)}: images in a folder state no frame rate; set camera.fps")
-    check_extent(len(files), 0, shown_path(path))
-    return _clip(map(read_image, files), settings.camera.fps, settings.camera.fov_deg, shown_path(path))
+        raise InputError(f"{shown(path)}: images in a folder state no frame rate; set camera.fps")
+    check_extent(len(files), 0, shown(path))
+    return _clip(map(read_image, files), settings.camera.fps, settings.camera.fov_deg, shown(path))
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -98,7 +98,7 @@ def image_files(folder: Path) -> list[Path]:
     try:
         return sorted((f for f in folder.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
     except OSError as error:
-        raise InputError(f"{shown_path(folder)}: {error.strerror or error}; give a folder that can be read") from error
+        raise InputError(f"{shown(folder)}: {error.strerror or error}; give a folder that can be read") from error
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:
@@ -109,20 +109,20 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
 def read_image(path: Path) -> np.ndarray:
     """The 8-bit RGB image (H, W, 3) of a .png or .jpg file. Raises InputError."""
     if not path.is_file() or path.stat().st_size > MOST_PICTURE_BYTES:
-        raise InputError(f"{shown_path(path)}: no regular file of at most {MOST_PICTURE_BYTES >> 20} MiB; remove it or give a picture")
+        raise InputError(f"{shown(path)}: no regular file of at most {MOST_PICTURE_BYTES >> 20} MiB; remove it or give a picture")
     try:
         data = path.read_bytes()
         image = decode_compressed(path.suffix.lower().lstrip("."), data)
     except InputError as error:
-        raise InputError(f"{shown_path(path)}: {error}") from error
+        raise InputError(f"{shown(path)}: {error}") from error
     except OSError as error:
-        raise InputError(f"{shown_path(path)}: {error.strerror or error}; give a picture that can be read") from error
+        raise InputError(f"{shown(path)}: {error.strerror or error}; give a picture that can be read") from error
     except cv2.error as error:
-        raise InputError(f"{shown_path(path)}: no picture that can be decoded ({shown(error.err)}); give another .png or .jpg") from error
+        raise InputError(f"{shown(path)}: no picture that can be decoded ({named(error.err)}); give another .png or .jpg") from error
     if data.startswith(JPEG_MAGIC) and data.rfind(JPEG_END) < data.rfind(JPEG_SCAN):
-        raise InputError(f"{shown_path(path)}: a picture that ends too soon; copy it again, or remove it")
+        raise InputError(f"{shown(path)}: a picture that ends too soon; copy it again, or remove it")
     if image.ndim == 2:
-        raise InputError(f"{shown_path(path)}: a 16-bit image, 8 bits a channel are needed; convert it")
+        raise InputError(f"{shown(path)}: a 16-bit image, 8 bits a channel are needed; convert it")
     return image
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..bags.read import is_bag, read_clip
-from ..bags.storage import existing, shown_path
+from ..bags.storage import existing
 from ..bags.video import image_files, read_image, video_frames
 from ..config import Settings
 from ..errors import InputError, shown
@@ -56,13 +56,13 @@ def _checked(source: Path, named: Iterator[tuple[str, np.ndarray]], settings: Se
         image = bounded(image, settings.capture.max_side_px)
         if size is not None and image.shape[:2] != size:
             raise InputError(
-                f"{shown_path(source)}: {shown(name)} has {image.shape[1]}x{image.shape[0]} px, the pictures before it {size[1]}x{size[0]} px; "
+                f"{shown(source)}: {shown(name)} has {image.shape[1]}x{image.shape[0]} px, the pictures before it {size[1]}x{size[0]} px; "
                 "give pictures of one camera, all upright or all on their side"
             )
         size, count = image.shape[:2], count + 1
         yield Picture(f"{name}.png", image)
     if count < LEAST_PICTURES:
-        raise InputError(f"{shown_path(source)}: holds {count} pictures, needs at least {LEAST_PICTURES}; take more from all around the object, each overlapping the last")
+        raise InputError(f"{shown(source)}: holds {count} pictures, needs at least {LEAST_PICTURES}; take more from all around the object, each overlapping the last")
 
 
 def bounded(image: np.ndarray, max_side_px: int) -> np.ndarray:
