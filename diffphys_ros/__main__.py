@@ -189,10 +189,9 @@ def _settings(options: argparse.Namespace) -> int:
 
 
 def _existing(path: str | Path) -> Path:
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder; give the path of an existing one")
-    return path
+    from .bags.storage import existing
+
+    return existing(path)
 
 
 def show(steps: Generator[Any, None, Any]) -> Any:
