@@ -63,13 +63,5 @@ def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarra
     if clip.depth is not None:
         return points_from_depth(clip, pixels, valid, depth0)
     axis = settings.scene.thickness_axis
-    normal = _unit(axis) if axis is not None and clip.camera.pose_known else clip.camera.world_from_camera[:3, 2]
+    normal = np.array(axis, float) / np.linalg.norm(axis) if axis is not None and clip.camera.pose_known else clip.camera.world_from_camera[:3, 2]
     return points_on_planes(clip.camera, pixels, valid, depth0, normal)
-
-
-def _unit(axis: list[float]) -> np.ndarray:
-    """`scene.thickness_axis` at length 1 (3,)."""
-    largest = np.abs(axis).max()
-    if not 0 < largest < np.inf:
-        raise InputError(f"scene.thickness_axis {axis}: has no direction, needs a number that is not 0; give the world axis across the object's face")
-    return np.array(axis) / largest / np.linalg.norm(np.array(axis) / largest)

@@ -173,7 +173,7 @@ def bomb() -> bytes:
 @pytest.mark.parametrize("stated", [BOMB, 1000])
 @pytest.mark.parametrize("indexed", [True, False])
 def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is(tmp_path: Path, bomb: bytes, stated: int, indexed: bool) -> None:
-    from tests.fuzz.recordings import chunked
+    from tests.fuzz._recorded import chunked
 
     path = tmp_path / "clip.mcap"
     path.write_bytes(chunked(bomb, stated, indexed=indexed, entries=1))
@@ -186,7 +186,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is(tmp_path: Pat
 def test_a_chunk_that_the_index_names_often_is_refused(tmp_path: Path) -> None:
     from backports import zstd
 
-    from tests.fuzz.recordings import chunked
+    from tests.fuzz._recorded import chunked
 
     path = tmp_path / "clip.mcap"
     path.write_bytes(chunked(zstd.compress(bytes(1000)), 1000, indexed=True, entries=500))

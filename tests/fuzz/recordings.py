@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import os
-import struct
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -12,27 +10,42 @@ from typing import Any
 
 import cv2
 import numpy as np
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as BagWriter
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
-from diffphys_ros.bags.storage import typestore
-from diffphys_ros.bags.write import to_message
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
+from tests.fuzz._recorded import (
+    COLOUR_TOPIC,
+    COMPRESSED,
+    DEPTH_TOPIC,
+    HEIGHT,
+    IMAGE,
+    INFO,
+    INFO_TOPIC,
+    MASK_TOPIC,
+    START_NS,
+    TF,
+    TF_TOPIC,
+    WIDTH,
+    Message,
+    base,
+    chunked,
+    files,
+    header_of,
+    mcap_of,
+    raw_of,
+    rosbag,
+    spoil,
+)
 
 COUNT = 25_000
-FRAMES, HEIGHT, WIDTH = 8, 16, 24
-START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 33_333_333
-IMAGE, COMPRESSED, INFO, TF = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
-COLOUR_TOPIC, DEPTH_TOPIC, INFO_TOPIC, MASK_TOPIC, TF_TOPIC = "/cam/image", "/cam/depth", "/cam/camera_info", "/mask", "/tf_static"
 FOREIGN = ("std_msgs/msg/String", "std_msgs/msg/Empty", "sensor_msgs/msg/Imu", "geometry_msgs/msg/TransformStamped", "no_msgs/msg/Nothing", "", INFO, IMAGE, TF)
 NUMBERS = (0, 1, -1, 2, 7, 255, 2**15, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1, 10**18)
 FLOATS = (0.0, -0.0, 1.0, -1.0, 7.0, 1e-300, 1e300, 1e38, -1e38, 5e-324, np.nan, np.inf, -np.inf, 0.5, 200.0)
 TEXTS = ("", "rgb8", "bgr8", "mono8", "16UC1", "32FC1", "nv21", "jpeg", "png", "16UC1; compressedDepth png", "\0", "\n\n", "é" * 50, "x" * 5000, "/", "a b", "none")
-Message = tuple[str, str, int, dict[str, Any]]  # topic, type, log time [ns], fields
 
 
 def case(seed: int, folder: Path) -> str:
@@ -90,123 +103,7 @@ def _settings(rng: np.random.Generator) -> config.Settings:
     return config.build(values)
 
 
-# -- a valid recording
-
-
-def _header(ns: int, frame: str = "optical") -> dict[str, Any]:
-    return {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": frame}
-
-
-def _image(ns: int, data: np.ndarray, encoding: str) -> dict[str, Any]:
-    shape = {"height": data.shape[0], "width": data.shape[1], "step": data.nbytes // data.shape[0]}
-    return {"header": _header(ns), "encoding": encoding, "data": data.tobytes()} | shape
-
-
-def valid() -> list[Message]:
-    """The messages of a small recording: colour, depth, mask, camera_info and a transform."""
-    rng = np.random.default_rng(0)
-    info = {"header": _header(START_NS), "height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob", "d": np.zeros(5)}
-    info["k"] = np.array([30.0, 0, 11.5, 0, 30, 7.5, 0, 0, 1])
-    link = {"header": _header(START_NS, "map"), "child_frame_id": "optical", "transform": {"translation": {"x": 0.1, "y": 0.2, "z": 1.0}}}
-    found: list[Message] = [(INFO_TOPIC, INFO, START_NS, info), (TF_TOPIC, TF, START_NS, {"transforms": [link]})]
-    for k in range(FRAMES):
-        ns = START_NS + k * PERIOD_NS
-        found.append((COLOUR_TOPIC, IMAGE, ns, _image(ns, rng.integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8), "rgb8")))
-        found.append((DEPTH_TOPIC, IMAGE, ns, _image(ns, rng.integers(400, 600, (HEIGHT, WIDTH)).astype(np.uint16), "16UC1")))
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    mask[4:10, 5:15] = 1
-    return [*found, (MASK_TOPIC, IMAGE, START_NS, _image(START_NS, mask, "mono8"))]
-
-
-@lru_cache
-def _base() -> tuple[Message, ...]:
-    return tuple(valid())
-
-
-def _raw(kind: str, fields: dict[str, Any]) -> bytes:
-    return bytes(typestore().serialize_cdr(to_message(kind, fields), kind))
-
-
-def _mcap(messages: list[tuple[str, str, int, bytes]], **options: Any) -> bytes:
-    """An MCAP file of (topic, type, log time [ns], CDR)."""
-    stream, channels = io.BytesIO(), {}
-    writer = Writer(stream, **options)
-    writer.start("ros2", "fuzz")
-    for topic, kind, ns, raw in messages:
-        if (topic, kind) not in channels:
-            schema = writer.register_schema(kind, "ros2msg", b"")
-            channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
-        writer.add_message(channels[topic, kind], min(max(ns, 0), 2**64 - 1), raw, min(max(ns, 0), 2**64 - 1))
-    writer.finish()
-    return stream.getvalue()
-
-
-@lru_cache
-def _cdr() -> tuple[tuple[str, str, int, bytes], ...]:
-    return tuple((topic, kind, ns, _raw(kind, fields)) for topic, kind, ns, fields in _base())
-
-
-@lru_cache
-def _files() -> tuple[tuple[str, bytes], ...]:
-    """Valid files in many packings: (suffix, bytes)."""
-    whole = list(_cdr())
-    packings = [
-        {"compression": CompressionType.NONE},
-        {"compression": CompressionType.LZ4, "chunk_size": 4000},
-        {"compression": CompressionType.ZSTD, "chunk_size": 4000},
-        {"compression": CompressionType.NONE, "use_chunking": False},
-        {"compression": CompressionType.NONE, "index_types": IndexType.NONE, "use_statistics": False, "enable_crcs": False},
-        {"compression": CompressionType.NONE, "enable_crcs": False, "chunk_size": 4000},
-    ]
-    return (*((".mcap", _mcap(whole, **options)) for options in packings), (".db3", _database()))
-
-
-@lru_cache
-def _database() -> bytes:
-    return dict(_rosbag(StoragePlugin.SQLITE3))["bag.db3"]
-
-
-@lru_cache
-def _rosbag(plugin: StoragePlugin) -> tuple[tuple[str, bytes], ...]:
-    """Files of a rosbag2 folder."""
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as place:
-        with BagWriter(Path(place) / "bag", version=9, storage_plugin=plugin) as writer:
-            connections: dict[str, Any] = {}
-            for topic, kind, ns, raw in _cdr():
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=typestore())
-                writer.write(connections[topic], ns, raw)
-        return tuple((file.name, file.read_bytes()) for file in sorted((Path(place) / "bag").iterdir()))
-
-
 # -- what is done to it
-
-
-def spoil(rng: np.random.Generator, data: bytes) -> bytes:
-    """Bytes flipped, cut, doubled, overwritten."""
-    raw = bytearray(data)
-    for _ in range(int(rng.integers(1, 4))):
-        size = max(len(raw), 1)
-        at, how = int(rng.integers(size)), int(rng.integers(7))
-        if not raw:
-            raw += b"\0"
-        if how == 0:
-            raw[at] ^= 1 << int(rng.integers(8))
-        elif how == 1:
-            raw[at : at + 8] = rng.bytes(8)
-        elif how == 2:
-            del raw[at:]
-        elif how == 3:
-            del raw[at : at + int(rng.integers(1, 64))]
-        elif how == 4:
-            raw[at:at] = raw[max(at - int(rng.integers(1, 200)), 0) : at]
-        elif how == 5:
-            raw[at : at + 8] = struct.pack("<Q", int(rng.choice([0, 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1], p=None)))
-        else:
-            raw[at : at + 4] = struct.pack("<I", int(rng.choice([0, 1, 255, 2**24, 2**31, 2**32 - 1])))
-    return bytes(raw)
 
 
 def _written(folder: Path, name: str, data: bytes) -> Path:
@@ -216,14 +113,14 @@ def _written(folder: Path, name: str, data: bytes) -> Path:
 
 
 def _spoiled(rng: np.random.Generator, folder: Path) -> Path:
-    suffix, data = _files()[int(rng.integers(len(_files())))]
+    suffix, data = files()[int(rng.integers(len(files())))]
     return _written(folder, f"clip{suffix}", spoil(rng, data))
 
 
 def _folder(rng: np.random.Generator, folder: Path) -> Path:
     bag = folder / "bag"
     bag.mkdir()
-    for name, data in _rosbag(StoragePlugin.MCAP if rng.random() < 0.5 else StoragePlugin.SQLITE3):
+    for name, data in rosbag(StoragePlugin.MCAP if rng.random() < 0.5 else StoragePlugin.SQLITE3):
         how = rng.random()
         if name == "metadata.yaml" and how < 0.8:
             data = spoil(rng, data) if how < 0.3 else _metadata(rng, data)
@@ -255,12 +152,12 @@ def _metadata(rng: np.random.Generator, data: bytes) -> bytes:
 
 
 def _messages(rng: np.random.Generator, folder: Path) -> Path:
-    found = [_changed(rng, message) if rng.random() < 0.05 else message for message in map(_copied, _base())]
+    found = [_changed(rng, message) if rng.random() < 0.05 else message for message in map(_copied, base())]
     kept = [raw for message in found if rng.random() > 0.01 and (raw := _serialised(rng, message)) is not None]
     if rng.random() < 0.2:
         kept = [kept[i] for i in rng.permutation(len(kept))]
     compression = list(CompressionType)[int(rng.integers(len(CompressionType)))]
-    data = _mcap(kept, compression=compression, chunk_size=int(rng.choice([100, 4000, 10**6])), use_chunking=bool(rng.random() < 0.8))
+    data = mcap_of(kept, compression=compression, chunk_size=int(rng.choice([100, 4000, 10**6])), use_chunking=bool(rng.random() < 0.8))
     return _written(folder, "clip.mcap", data)
 
 
@@ -272,7 +169,7 @@ def _copied(message: Message) -> Message:
 def _serialised(rng: np.random.Generator, message: Message) -> tuple[str, str, int, bytes] | None:
     topic, kind, ns, fields = message
     try:
-        raw = _raw(kind, fields)
+        raw = raw_of(kind, fields)
     except Exception:  # the writer refuses what no publisher could send
         return None
     if rng.random() < 0.01:
@@ -335,7 +232,7 @@ def _links(rng: np.random.Generator) -> list[dict[str, Any]]:
     for _ in range(int(rng.integers(0, 6))):
         rotation = dict(zip("xyzw", rng.choice([0.0, 1.0, np.nan, 1e300, 1e-300, 0.5], 4, p=[0.4, 0.3, 0.05, 0.05, 0.05, 0.15]), strict=True))
         translation = dict(zip("xyz", rng.choice(FLOATS, 3) if rng.random() < 0.4 else rng.normal(0, 1, 3), strict=True))
-        header = _header(START_NS, str(rng.choice(names)))
+        header = header_of(START_NS, str(rng.choice(names)))
         links.append({"header": header, "child_frame_id": str(rng.choice(names)), "transform": {"translation": translation, "rotation": rotation}})
     return links
 
@@ -367,29 +264,6 @@ def _chunks(rng: np.random.Generator, folder: Path) -> Path:
     stated = int(rng.choice([size, size, 0, 100, 2**31, 2**40, 2**63 - 1]))
     data = chunked(packed, stated, indexed=bool(rng.random() < 0.7), entries=int(rng.choice([1, 1, 2, 500])))
     return _written(folder, "clip.mcap", data)
-
-
-def chunked(packed: bytes, stated: int, *, indexed: bool, entries: int) -> bytes:
-    """An MCAP file of one zstd chunk that states a size [bytes], with a summary that names the chunk `entries` times, or without one."""
-    chunk = struct.pack("<QQQI", START_NS, START_NS + 10**9, stated, 0) + _text("zstd") + struct.pack("<Q", len(packed)) + packed
-    start = b"\x89MCAP0\r\n" + _record(1, _text("ros2") + _text(""))
-    topics = _record(3, struct.pack("<H", 1) + _text(IMAGE) + _text("ros2msg") + _text(""))
-    topics += _record(4, struct.pack("<HH", 1, 1) + _text(COLOUR_TOPIC) + _text("cdr") + _text("") + _text(""))
-    if not indexed:
-        return start + topics + _record(6, chunk) + _record(2, bytes(20)) + b"\x89MCAP0\r\n"
-    body = start + _record(6, chunk)
-    topics += _record(11, struct.pack("<QHIIIIQQ", 9, 1, 1, 0, 0, 1, START_NS, START_NS + 10**9) + struct.pack("<I", 10) + struct.pack("<HQ", 1, 9))
-    where = struct.pack("<QQQQ", START_NS, START_NS + 10**9, len(start), 9 + len(chunk)) + struct.pack("<IHQ", 10, 1, len(body))
-    index = _record(8, where + struct.pack("<Q", 31) + _text("zstd") + struct.pack("<QQ", len(packed), stated)) * entries
-    return body + topics + index + _record(2, struct.pack("<QQI", len(body), 0, 0)) + b"\x89MCAP0\r\n"
-
-
-def _record(code: int, data: bytes) -> bytes:
-    return struct.pack("<BQ", code, len(data)) + data
-
-
-def _text(text: str) -> bytes:
-    return struct.pack("<I", len(text.encode())) + text.encode()
 
 
 def _path(rng: np.random.Generator, folder: Path) -> Path | str:
