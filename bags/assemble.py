@@ -13,7 +13,37 @@ from diffphys_ros.types import Camera, Clip
 MIN_FRAMES = 2
 MAX_LOST_SHARE = 0.5  # of the slots of the clock that may lack a frame
 SEARCHED_PERIODS = (0.7, 1.2)  # as a share of the median step
+MOST_PIXELS = 400_000_000  # of a clip, frames x width x height: 1300 frames of 640x480. Recovering needs some 40 bytes a pixel
+MOST_FRAMES = 5_000
+MOST_SIDE = 16_384  # px of a frame
+LATEST_NS = 2**62  # of a stamp, to either side of 1970: the difference of two fits into 64 bits
+PERIODS_S = (1e-6, 100.0)  # between two frames
 Stamped = Sequence[tuple[int, np.ndarray]]  # stamp [ns], image
+
+
+class Bounded:
+    """Stamped images of one source as they are read: it raises InputError at the first that is too many, before memory ends."""
+
+    def __init__(self, source: str) -> None:
+        self.taken: list[tuple[int, np.ndarray]] = []
+        self._source, self._pixels = source, 0
+
+    def add(self, stamp: int, image: np.ndarray) -> None:
+        """Takes an image (H, W, ...) of a stamp [ns]."""
+        self.taken.append((stamp, image))
+        self._pixels += image.shape[0] * image.shape[1]
+        check_extent(len(self.taken), self._pixels, self._source)
+
+
+def check_extent(frames: int, pixels: int, source: str) -> None:
+    """Raises InputError for a clip of more frames, or more pixels in all of them, than can be worked on."""
+    if frames > MOST_FRAMES:
+        raise InputError(f"{source}: has more than {MOST_FRAMES} frames; cut out the seconds in which the object moves")
+    if pixels > MOST_PIXELS:
+        raise InputError(
+            f"{source}: its first {frames} frames have {pixels} pixels together, at most {MOST_PIXELS} are taken (frames x width x height); "
+            "cut out the seconds in which the object moves, or record smaller images"
+        )
 
 
 def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, notes: Sequence[str] = ()) -> Clip:
@@ -27,8 +57,13 @@ def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, n
         images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
         source: where the clip comes from; error messages name it. notes: put before the notes found here.
 
-    Raises InputError for fewer than two frames, sizes that differ, stamps that are no clock, depth that holds nothing.
+    Raises InputError for fewer than two frames, sizes that differ or are too large, stamps that are no clock, depth that holds nothing,
+    and more than MOST_FRAMES or MOST_PIXELS.
     """
+    _check_stamps([stamp for some in (images, depths) for stamp, _ in some], source)
+    check_extent(len(images), len(images) * camera.width * camera.height, source)
+    if max(camera.width, camera.height) > MOST_SIDE:
+        raise InputError(f"{source}: the images have {camera.width}x{camera.height} px, may have {MOST_SIDE} px a side; record smaller images")
     images = sorted(_checked_sizes(images, camera, source, "colour"), key=lambda item: item[0])
     stamps = np.array([stamp for stamp, _ in images], np.int64)
     slots, period, found = uniform_clock(stamps, source)
@@ -55,6 +90,11 @@ def uniform_clock(stamps: np.ndarray, source: str) -> tuple[np.ndarray, float, l
     typical = float(np.median(np.diff(seconds)))
     if typical <= 0:
         raise InputError(f"{source}: most frames carry the stamp of their predecessor, they must grow; have the driver stamp its images")
+    if not PERIODS_S[0] <= typical <= PERIODS_S[1]:
+        raise InputError(
+            f"{source}: its frames are {typical:.3g} s apart, must be between {PERIODS_S[0]:g} and {PERIODS_S[1]:g} s; have the driver stamp its images in "
+            "seconds and nanoseconds"
+        )
     period, start = _likeliest_clock(seconds, typical)
     # jitter of single stamps averages out over the clip; the first pass numbers the frames, the second settles doubtful ones
     for _ in range(2):
@@ -101,6 +141,11 @@ def _paired(
         else:
             missing += 1
     return result, [f"{missing} of {len(stamps)} frames have no depth image within half a period"] if missing else []
+
+
+def _check_stamps(stamps: Sequence[int], source: str) -> None:
+    if far := [stamp for stamp in stamps if abs(stamp) > LATEST_NS]:
+        raise InputError(f"{source}: an image carries the stamp {far[0] * 1e-9:.3g} s, must be within {LATEST_NS * 1e-9:.3g} s of 1970; correct the driver's clock")
 
 
 def _checked_sizes(images: Stamped, camera: Camera, source: str, what: str) -> Stamped:

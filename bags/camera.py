@@ -9,10 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, listed, named
 from diffphys_ros.types import Camera
 
 ASSUMED_FOV_DEG = 50.0
+FOV_DEG = (0.1, 175.0)  # fields of view that a camera_info may state, horizontally and vertically
+MOST_OFFSET = 10.0  # of the principal point from the image's corner, in sizes of the image: a crop lies beside it
+SKEW = 1e-6  # of the focal length, up to which a skew is rounding
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), "equidistant": (4,)}  # numbers that a model may have
+LEAST_INSIDE = 0.5  # of the undistorted picture that must come from inside of the distorted one
+MOST_SIDE = 32766  # px: OpenCV counts the pixels of a map in 16 bits
+MOST_DISTANCE_M = 1e6  # of a camera from its world's origin; beyond, double precision no longer tells what a clip shows
 Edges = Mapping[str, tuple[str, np.ndarray]]  # child frame -> parent frame, parent_from_child (4, 4)
 
 
@@ -31,16 +38,42 @@ def camera_from_info(
         k: intrinsic matrix [px], 9 numbers. d: distortion coefficients, any number. width, height: of the images [px].
         world_from_camera: rigid transform (4, 4) [m]; without one the camera's own frame is the world.
 
-    Raises InputError where k[0] is 0 or a number is not finite.
+    Raises InputError where k is no such matrix: focal lengths that are no camera's, a skew, a scale, a number that is not finite.
     """
-    matrix = np.asarray(k, float).reshape(3, 3)
+    return _camera(_intrinsics(k, d, width, height), width, height, frame_id, world_from_camera, world_frame_id)
+
+
+def _intrinsics(k: ArrayLike, d: ArrayLike, width: int, height: int) -> np.ndarray:
+    """The intrinsic matrix (3, 3) [px] of a pinhole camera without skew."""
+    numbers = np.asarray(k, float).ravel()
+    if numbers.size != 9:
+        raise InputError(f"camera_info has a K of {numbers.size} numbers, must have 9; calibrate the camera")
+    matrix = numbers.reshape(3, 3)
     if not np.isfinite(matrix).all() or not np.isfinite(np.asarray(d, float)).all():
         raise InputError("camera_info holds numbers that are not finite; calibrate the camera")
-    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+    for i, size, name in ((0, width, "width"), (1, height, "height")):
+        focal, middle = matrix[i, i], matrix[i, 2]
+        if focal <= 0:
+            raise InputError(f"camera_info has focal length K[{4 * i}] = {focal:g}, must be above 0; calibrate the camera or set camera.fov_deg")
+        narrowest, widest = (size / 2 / math.tan(math.radians(fov) / 2) for fov in FOV_DEG)
+        if size and not widest <= focal <= narrowest:
+            raise InputError(
+                f"camera_info has focal length K[{4 * i}] = {focal:g} px at a {name} of {size} px, must be between {widest:.3g} and {narrowest:.3g} "
+                f"({FOV_DEG[1]:g} to {FOV_DEG[0]:g} degrees); calibrate the camera"
+            )
+        if size and abs(middle) > MOST_OFFSET * size:
+            raise InputError(
+                f"camera_info has its optical axis at K[{3 * i + 2}] = {middle:g} px at a {name} of {size} px, must be within "
+                f"{MOST_OFFSET * size:g} px; calibrate the camera"
+            )
+    if abs(matrix[0, 1]) > SKEW * matrix[0, 0] or matrix[1, 0] or matrix[2, 0] or matrix[2, 1] or matrix[2, 2] != 1:
         raise InputError(
-            f"camera_info has focal length K[0] = {matrix[0, 0]:g}, must be above 0; calibrate the camera or set camera.fov_deg"
+            f"camera_info has K[1, 3, 6, 7, 8] = {', '.join(f'{numbers[j]:g}' for j in (1, 3, 6, 7, 8))}, must be 0, 0, 0, 0, 1 (a camera without skew, "
+            "in pixels); calibrate the camera"
         )
-    return _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id)
+    matrix = matrix.copy()
+    matrix[0, 1] = 0.0
+    return matrix
 
 
 def camera_from_fov(
@@ -63,19 +96,33 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
     Args:
         model: distortion_model of camera_info: 'plumb_bob', 'rational_polynomial' or 'equidistant'.
 
-    Raises InputError for another model.
+    Raises InputError for another model, a number of coefficients that the model does not have, and a distortion that no lens has.
     """
-    coefficients = np.asarray(d, float)
+    coefficients = np.asarray(d, float).ravel()
     if not coefficients.any():
         return None
-    matrix, size = np.asarray(k, float).reshape(3, 3), (width, height)
-    if model in ("", "plumb_bob", "rational_polynomial"):
-        maps = cv2.initUndistortRectifyMap(matrix, coefficients, None, matrix, size, cv2.CV_32FC1)
-    elif model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients[:4], np.eye(3), matrix, size, cv2.CV_32FC1)
-    else:
+    matrix, size = _intrinsics(k, d, width, height), (width, height)
+    allowed = COEFFICIENTS.get(model or "rational_polynomial")
+    if allowed is None:
         raise InputError(
-            f"camera_info has distortion_model {model!r}, must be plumb_bob, rational_polynomial or equidistant; record rectified images"
+            f"camera_info has distortion_model '{named(model)}', must be plumb_bob, rational_polynomial or equidistant; record rectified images"
+        )
+    if coefficients.size not in allowed:
+        raise InputError(
+            f"camera_info has {coefficients.size} distortion coefficients for {model or 'no distortion_model'}, must be {listed(allowed)}; "
+            "calibrate the camera, or record rectified images"
+        )
+    if max(size) > MOST_SIDE:
+        raise InputError(f"camera_info has a distortion for images of {width}x{height} px, at most {MOST_SIDE} px a side can be undistorted; record smaller images")
+    if model == "equidistant":
+        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    else:
+        maps = cv2.initUndistortRectifyMap(matrix, coefficients, None, matrix, size, cv2.CV_32FC1)
+    inside = (maps[0] >= 0) & (maps[0] <= width - 1) & (maps[1] >= 0) & (maps[1] <= height - 1)  # false for NaN
+    if inside.mean() < LEAST_INSIDE:
+        raise InputError(
+            f"camera_info has a distortion that puts {1 - inside.mean():.0%} of the undistorted picture outside of the recorded one, at most "
+            f"{1 - LEAST_INSIDE:.0%} may be; calibrate the camera, or record rectified images"
         )
 
     def undistort(image: np.ndarray) -> np.ndarray:
@@ -89,12 +136,16 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
 def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float]) -> np.ndarray:
     """Rigid transform (4, 4) [m] of a geometry_msgs/Transform: translation xyz [m], rotation quaternion xyzw.
 
-    Raises InputError where the quaternion has no length or a number is not finite.
+    Raises InputError where the quaternion has no length, or a number is not finite or absurd.
     """
     q = np.asarray(rotation, float)
-    norm = np.linalg.norm(q)
-    if not norm > 1e-6 or not np.isfinite([*q, *translation]).all():
-        raise InputError(f"a transform has the rotation {q.tolist()}, must be a unit quaternion xyzw; correct the publisher")
+    bounded = np.abs([*q, *translation]).max() < MOST_DISTANCE_M  # false for NaN
+    norm = np.linalg.norm(q) if bounded else 0.0
+    if not norm > 1e-6:
+        raise InputError(
+            f"a transform has the rotation {named(q.tolist())} and the translation {named(list(translation))}, must be a unit quaternion xyzw and a place within {MOST_DISTANCE_M:g} m; "
+            "correct the publisher"
+        )
     x, y, z, w = q / norm
     axis = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = np.eye(4)
@@ -106,16 +157,21 @@ def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float
 def pose_in_root(edges: Edges, frame_id: str) -> tuple[np.ndarray, str]:
     """root_from_frame (4, 4) [m] and the root's name: the transforms from `frame_id` up to the end of its chain.
 
-    A frame without a parent is its own root. Raises InputError where the chain is a circle.
+    A frame without a parent is its own root. Raises InputError where the chain is a circle, or absurdly long.
     """
-    pose, seen = np.eye(4), [frame_id]
-    while seen[-1] in edges:
-        parent, matrix = edges[seen[-1]]
+    pose, last, seen = np.eye(4), frame_id, {frame_id: None}
+    while last in edges:
+        parent, matrix = edges[last]
         if parent in seen:
-            raise InputError(f"/tf_static: the transforms {' <- '.join([*seen, parent])} form a circle; correct the publisher")
-        pose = matrix @ pose
-        seen.append(parent)
-    return pose, seen[-1]
+            names = " <- ".join(named(name, 40) for name in [*list(seen)[:4], parent])
+            raise InputError(f"/tf_static: the transforms {names} form a circle; correct the publisher")
+        pose, last = matrix @ pose, parent
+        seen[parent] = None
+    if not np.abs(pose).max() < MOST_DISTANCE_M:
+        raise InputError(
+            f"/tf_static: {named(frame_id)} lies {np.abs(pose).max():.3g} m from {named(last)}, must be nearer than {MOST_DISTANCE_M:g} m; correct the publisher"
+        )
+    return pose, last
 
 
 def _camera(

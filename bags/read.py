@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from diffphys_ros.bags.assemble import Stamped, assemble
+from diffphys_ros.bags.assemble import Bounded, Stamped, assemble
 from diffphys_ros.bags.camera import Edges, camera_from_fov, camera_from_info, matrix_from_transform, pose_in_root, undistorter
 from diffphys_ros.bags.decode import decode_compressed, decode_image
-from diffphys_ros.bags.storage import Bag, open_bag
-from diffphys_ros.bags.topics import choose_topics
+from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag
+from diffphys_ros.bags.topics import choose_topics, image_topics
 from diffphys_ros.bags.video import read_images, read_video
 from diffphys_ros.config import Settings
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, listed, named, shown
 from diffphys_ros.types import Camera, Clip
 
-TF_STATIC = "/tf_static"
+TF_STATIC, TF_MESSAGE = "/tf_static", "tf2_msgs/msg/TFMessage"
+MOST_REASON = 300  # characters: an image's own words stand in it
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
@@ -29,20 +30,18 @@ def read_clip(path: str | Path, settings: Settings) -> Clip:
     Settings used: topics.*, camera.fov_deg (where there is no camera_info), camera.fps (image folders; overrides a video's own).
     Raises InputError with one sentence for everything that cannot be read.
     """
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder; give the path of a bag, a video or a folder of images")
+    path = existing(path)
     if path.suffix == ".bag":
-        raise InputError(f"{path}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
+        raise InputError(f"{shown(path)}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
     if is_bag(path):
         with open_bag(path) as bag:
-            return _read_bag(bag, settings, str(path))
+            return _read_bag(bag, settings, shown(path))
     return read_images(path, settings) if path.is_dir() else read_video(path, settings)
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a recording, which carries a camera_info, rather than bare pictures."""
-    return path.suffix in BAG_SUFFIXES or (path / "metadata.yaml").exists()
+    return path.suffix in BAG_SUFFIXES or (path / METADATA).exists()
 
 
 def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
@@ -51,7 +50,7 @@ def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
     depths, _, depth_notes = _read_topic(bag, depth_topic, source, "depth") if depth_topic else ([], "", [])
     info = bag.first(info_topic) if info_topic else None
     view = (images[0][1].shape[1], images[0][1].shape[0], frame_id)
-    tree = _static_transforms(bag)
+    tree = _static_transforms(bag, source)
     camera, undistort, found = seen_through(info, tree, settings, view, source, image_topic=image_topic, info_topic=info_topic)
     mask = _first_mask(bag, settings.topics.mask, images[0][0], source)
     if undistort:
@@ -64,11 +63,13 @@ def _first_mask(bag: Bag, topic: str | None, stamp: int, source: str) -> np.ndar
     """The label image uint8 (H, W) of a topic nearest in time to frame 0; None where none is wanted."""
     if topic is None:
         return None
-    if topic not in bag.types:
-        raise InputError(f"{source}: topics.mask is {topic!r}, must be one of {', '.join(sorted(bag.types))}")
+    if topic not in image_topics(bag):
+        raise InputError(
+            f"{source}: topics.mask is '{named(topic)}', must be one of {listed(sorted(image_topics(bag)), 4) or 'none (there are no image topics)'}"
+        )
     masks, _, _ = _read_topic(bag, topic, source, "mask")
     if not masks:
-        raise InputError(f"{source}: topic {topic} holds no message, needs a label image of frame 0; name another with topics.mask")
+        raise InputError(f"{source}: topic {named(topic)} holds no message, needs a label image of frame 0; name another with topics.mask")
     return nearest(masks, stamp)[..., 0]
 
 
@@ -79,17 +80,17 @@ def nearest(images: Stamped, stamp: int) -> np.ndarray:
 
 def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
     """(stamp [ns], image) of a topic in the order of the recording, the images' frame, and notes."""
-    images, unstamped, frame_id = [], False, ""
+    images, unstamped, frame_id = Bounded(source), False, ""
     dimensions, what = (2, "depth (16UC1 in mm or 32FC1 in m)") if setting == "depth" else (3, "colour" if setting == "image" else "8-bit label")
     for _, log_ns, message in bag.messages([topic]):
         image = decoded(message, source, topic)
         if image.ndim != dimensions:
-            raise InputError(f"{source}: topic {topic} holds no {what} images; name another with topics.{setting}")
+            raise InputError(f"{source}: topic {named(topic)} holds no {what} images; name another with topics.{setting}")
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         unstamped |= not stamp
         frame_id = frame_id or message.header.frame_id
-        images.append((stamp or log_ns, image))
-    return images, frame_id, [f"images of {topic} carry no stamp; the times of recording are used"] if unstamped else []
+        images.add(stamp or log_ns, image)
+    return images.taken, frame_id, [f"images of {named(topic)} carry no stamp; the times of recording are used"] if unstamped else []
 
 
 def decoded(message: Any, source: str, topic: str) -> np.ndarray:
@@ -99,7 +100,7 @@ def decoded(message: Any, source: str, topic: str) -> np.ndarray:
             return decode_compressed(message.format, message.data)
         return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
     except InputError as error:
-        raise InputError(f"{source}: topic {topic}: {error}") from error
+        raise InputError(f"{source}: topic {named(topic)}: {named(error, MOST_REASON)}") from error
 
 
 def seen_through(
@@ -124,7 +125,7 @@ def seen_through(
         return camera_from_fov(fov, width, height, frame_id, pose, root), None, [note]
     if info.width and (info.width, info.height) != (width, height):
         raise InputError(
-            f"{source}: {info_topic} is for {info.width}x{info.height} px, the images of {image_topic} have {width}x{height} px; "
+            f"{source}: {named(info_topic)} is for {info.width}x{info.height} px, the images of {named(image_topic)} have {width}x{height} px; "
             "name the right topic with topics.camera_info"
         )
     # rectified images share their camera_info with the raw ones; p is theirs
@@ -134,11 +135,14 @@ def seen_through(
         camera = camera_from_info(k, d, width, height, frame_id, pose, root)
         undistort = undistorter(k, d, info.distortion_model, width, height)
     except InputError as error:
-        raise InputError(f"{source}: topic {info_topic}: {error}") from error
+        raise InputError(f"{source}: topic {named(info_topic)}: {error}") from error
     return camera, undistort, ["lens distortion was removed from the images"] if undistort else []
 
 
-def _static_transforms(bag: Bag) -> dict[str, tuple[str, np.ndarray]]:
+def _static_transforms(bag: Bag, source: str) -> dict[str, tuple[str, np.ndarray]]:
+    kind = bag.types.get(TF_STATIC, TF_MESSAGE)
+    if kind != TF_MESSAGE:
+        raise InputError(f"{source}: topic {TF_STATIC} holds {named(kind)}, must hold {TF_MESSAGE}; record it again, or leave the topic out")
     links = [link for _, _, message in bag.messages([TF_STATIC]) for link in message.transforms]
     return dict(edge(link) for link in links)
 
@@ -146,4 +150,7 @@ def _static_transforms(bag: Bag) -> dict[str, tuple[str, np.ndarray]]:
 def edge(link: Any) -> tuple[str, tuple[str, np.ndarray]]:
     """Child frame, (parent frame, parent_from_child (4, 4) [m]) of a geometry_msgs/TransformStamped."""
     t, r = link.transform.translation, link.transform.rotation
-    return link.child_frame_id, (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
+    try:
+        return link.child_frame_id, (link.header.frame_id, matrix_from_transform((t.x, t.y, t.z), (r.x, r.y, r.z, r.w)))
+    except InputError as error:
+        raise InputError(f"{named(link.child_frame_id)} in {named(link.header.frame_id)}: {error}") from error

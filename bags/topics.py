@@ -7,7 +7,7 @@ from typing import Any
 from diffphys_ros.bags.decode import decode_compressed, is_depth
 from diffphys_ros.bags.storage import Bag
 from diffphys_ros.config import Topics
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, listed, named
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 NONE = "none"  # setting that leaves a topic out
@@ -16,19 +16,27 @@ NONE = "none"  # setting that leaves a topic out
 def choose_topics(bag: Bag, wanted: Topics, source: str) -> tuple[str, str | None, str | None]:
     """Names of the colour topic, of the depth topic (None: there is none, or it is not wanted) and of camera_info (None: there is none).
 
-    Raises InputError where a named topic is missing or of another type, where two would do, and where no colour is found.
+    A topic that the recording announces but that holds no message is taken as not there. Raises InputError where a named topic is
+    missing or of another type, where two would do, where one has two types, and where no colour is found.
     """
-    encodings = {topic: _encoding(bag, topic) for topic, kind in bag.types.items() if kind in (IMAGE, COMPRESSED) and topic != wanted.mask}
+    for topic in (t for t, kinds in bag.mixed.items() if kinds & {IMAGE, COMPRESSED, INFO}):
+        next(bag.messages([topic]), None)  # says what is wrong
+    encodings = {t: e for t in image_topics(bag) if t != wanted.mask and (e := _encoding(bag, t)) is not None}
     colour = [t for t, e in encodings.items() if e == "colour"]
     depth = [t for t, e in encodings.items() if e == "depth"]
-    infos = [t for t, kind in bag.types.items() if kind == INFO]
+    infos = [t for t, kind in bag.types.items() if kind == INFO and bag.first(t) is not None]
     image = _pick(bag, wanted.image, colour, list(encodings), "image", source)
     if image is None:
         unknown = [f"{t} ({e})" for t, e in encodings.items() if e not in ("colour", "depth")]
-        seen = f"image topics of unknown encoding: {', '.join(unknown)}" if unknown else f"topics: {', '.join(sorted(bag.types)) or 'none'}"
+        seen = f"image topics of unknown encoding: {listed(unknown, 3)}" if unknown else f"topics: {listed(sorted(bag.types), 4) or 'none'}"
         raise InputError(f"{source}: no colour images found ({seen}); record sensor_msgs/Image or CompressedImage with rgb8, bgr8 or mono8")
     depth_topic = None if wanted.depth == NONE else _pick(bag, wanted.depth, depth, list(encodings), "depth", source)
     return image, depth_topic, _pick(bag, wanted.camera_info, _siblings(infos, image), infos, "camera_info", source)
+
+
+def image_topics(bag: Bag) -> list[str]:
+    """Topics whose type is that of images."""
+    return [topic for topic, kind in bag.types.items() if kind in (IMAGE, COMPRESSED)]
 
 
 def namespace(topic: str) -> str:
@@ -37,9 +45,11 @@ def namespace(topic: str) -> str:
     return base.rsplit("/", 1)[0]
 
 
-def _encoding(bag: Bag, topic: str) -> str:
-    """'colour', 'depth' or the encoding that is neither, of the first image of a topic."""
+def _encoding(bag: Bag, topic: str) -> str | None:
+    """'colour', 'depth' or the encoding that is neither, of the first image of a topic; None where it holds none."""
     message = bag.first(topic)
+    if message is None:
+        return None
     if bag.types[topic] == COMPRESSED:
         return _compressed_kind(message)
     depth = is_depth(message.encoding)
@@ -64,9 +74,9 @@ def _pick(bag: Bag, wanted: str | None, found: list[str], allowed: list[str], se
     if wanted is not None:
         if wanted not in allowed:
             raise InputError(
-                f"{source}: topics.{setting} is {wanted!r}, must be one of {', '.join(sorted(allowed)) or 'none (there are no such topics)'}"
+                f"{source}: topics.{setting} is '{named(wanted)}', must be one of {listed(sorted(allowed), 4) or 'none (there are no such topics)'}"
             )
         return wanted
     if len(found) > 1:
-        raise InputError(f"{source}: several topics could be the {setting}: {', '.join(sorted(found))}; name one with topics.{setting}")
+        raise InputError(f"{source}: several topics could be the {setting}: {listed(sorted(found), 4)}; name one with topics.{setting}")
     return found[0] if found else None

@@ -3,34 +3,46 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.assemble import assemble
+from diffphys_ros.bags.assemble import Bounded, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
+from diffphys_ros.bags.storage import existing
 from diffphys_ros.config import Settings
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, named, shown
 from diffphys_ros.types import Clip
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+FRAME_RATES = (0.1, 1e5)  # Hz, that a video may state
+LEAST_DECODED = 0.9  # of the frames that a video announces: containers that estimate their number are off by a few
+PROBE_BYTES = 4096  # without a zero byte, a file is text
+MOST_PICTURE_BYTES = 256 << 20
+JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenCV 4 fills what is cut off with grey
 
 
 def read_video(path: Path, settings: Settings) -> Clip:
     """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate. Raises InputError."""
-    frames = list(video_frames(path))
-    fps = settings.camera.fps or _frame_rate(path)
-    if not fps > 0:
-        raise InputError(f"{path}: the video states no frame rate; set camera.fps")
-    return _clip(frames, fps, settings.camera.fov_deg, str(path))
+    fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
+    low, high = FRAME_RATES
+    if not low <= fps <= high:
+        raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
+    clip = _clip(video_frames(path), fps, settings.camera.fov_deg, shown(path))
+    announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
+    if len(clip) >= LEAST_DECODED * announced:
+        return clip
+    note = f"{len(clip)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged"
+    return replace(clip, notes=(*clip.notes, note))
 
 
 def video_frames(path: Path) -> Iterator[np.ndarray]:
     """The frames of a video file, RGB uint8 (H, W, 3), one after the other. Raises InputError where there is none."""
-    capture, count = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG), 0
+    capture, count = _opened(path), 0
     try:
         while True:
             got, frame = capture.read()
@@ -41,25 +53,52 @@ def video_frames(path: Path) -> Iterator[np.ndarray]:
     finally:
         capture.release()
     if not count:
-        raise InputError(f"{path}: holds no video that can be decoded; give an .mcap file, a rosbag2 folder, an .mp4 or a folder of images")
+        raise _no_video(path)
 
 
-def _frame_rate(path: Path) -> float:
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+def _opened(path: Path) -> cv2.VideoCapture:
+    """An open video; no text file, which FFmpeg takes for a playlist, waiting for or opening whatever that names."""
     try:
-        return float(capture.get(cv2.CAP_PROP_FPS))
+        with existing(path).open("rb") as file:
+            text = b"\0" not in file.read(PROBE_BYTES)
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror or error}; give a file that can be read") from error
+    capture = cv2.VideoCapture() if text else cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise _no_video(path)
+    return capture
+
+
+def _no_video(path: Path) -> InputError:
+    return InputError(f"{shown(path)}: holds no video that can be decoded; give an .mcap file, a rosbag2 folder, an .mp4 or a folder of images")
+
+
+def _stated(path: Path, what: int) -> float:
+    """A number of a video's header."""
+    capture = _opened(path)
+    try:
+        return float(capture.get(what))
     finally:
         capture.release()
 
 
 def read_images(path: Path, settings: Settings) -> Clip:
     """The clip in a folder of .png or .jpg images, in the order of the numbers in their names. Raises InputError."""
-    files = sorted((f for f in path.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
+    files = image_files(path)
     if not files:
-        raise InputError(f"{path}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
+        raise InputError(f"{shown(path)}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
     if settings.camera.fps is None:
-        raise InputError(f"{path}: images in a folder state no frame rate; set camera.fps")
-    return _clip([read_image(f) for f in files], settings.camera.fps, settings.camera.fov_deg, str(path))
+        raise InputError(f"{shown(path)}: images in a folder state no frame rate; set camera.fps")
+    check_extent(len(files), 0, shown(path))
+    return _clip(map(read_image, files), settings.camera.fps, settings.camera.fov_deg, shown(path))
+
+
+def image_files(folder: Path) -> list[Path]:
+    """The .png and .jpg files of a folder in the order of the numbers in their names. Raises InputError where it cannot be listed."""
+    try:
+        return sorted((f for f in folder.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
+    except OSError as error:
+        raise InputError(f"{shown(folder)}: {error.strerror or error}; give a folder that can be read") from error
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:
@@ -69,18 +108,29 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
 
 def read_image(path: Path) -> np.ndarray:
     """The 8-bit RGB image (H, W, 3) of a .png or .jpg file. Raises InputError."""
+    if not path.is_file() or path.stat().st_size > MOST_PICTURE_BYTES:
+        raise InputError(f"{shown(path)}: no regular file of at most {MOST_PICTURE_BYTES >> 20} MiB; remove it or give a picture")
     try:
-        image = decode_compressed(path.suffix.lower().lstrip("."), path.read_bytes())
-    except (InputError, OSError) as error:
-        raise InputError(f"{path}: {error}") from error
+        data = path.read_bytes()
+        image = decode_compressed(path.suffix.lower().lstrip("."), data)
+    except InputError as error:
+        raise InputError(f"{shown(path)}: {error}") from error
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror or error}; give a picture that can be read") from error
+    except cv2.error as error:
+        raise InputError(f"{shown(path)}: no picture that can be decoded ({named(error.err)}); give another .png or .jpg") from error
+    if data.startswith(JPEG_MAGIC) and data.rfind(JPEG_END) < data.rfind(JPEG_SCAN):
+        raise InputError(f"{shown(path)}: a picture that ends too soon; copy it again, or remove it")
     if image.ndim == 2:
-        raise InputError(f"{path}: a 16-bit image, 8 bits a channel are needed; convert it")
+        raise InputError(f"{shown(path)}: a 16-bit image, 8 bits a channel are needed; convert it")
     return image
 
 
-def _clip(frames: list[np.ndarray], fps: float, fov_deg: float | None, source: str) -> Clip:
+def _clip(frames: Iterable[np.ndarray], fps: float, fov_deg: float | None, source: str) -> Clip:
     notes = [] if fov_deg else [f"no field of view was given: {ASSUMED_FOV_DEG:g} degrees are assumed (camera.fov_deg)"]
-    height, width = frames[0].shape[:2]
+    images = Bounded(source)
+    for k, frame in enumerate(frames):
+        images.add(round(k * 1e9 / fps), frame)
+    height, width = images.taken[0][1].shape[:2]
     camera = camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height)
-    stamped = [(round(k * 1e9 / fps), frame) for k, frame in enumerate(frames)]
-    return assemble(stamped, [], camera, source, notes=notes)
+    return assemble(images.taken, [], camera, source, notes=notes)

@@ -288,11 +288,9 @@ def _settings(options: argparse.Namespace) -> int:
 
 
 def _existing(path: str | Path) -> Path:
-    try:
-        os.stat(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{shown(path)}: no such file or folder; give the path of an existing one") from error
-    return Path(path)
+    from .bags.storage import existing
+
+    return existing(path)
 
 
 def show(steps: Generator[Any, None, Any]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
 from typing import Any
 
 SHORT = 80  # characters of a value in a message
@@ -42,3 +43,15 @@ def shown(path: Any) -> str:
     if len(text) > LONGEST_PATH:
         text = f"{text[: LONGEST_PATH // 2]}..{text[-LONGEST_PATH // 2 :]}"
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def named(name: Any, most: int = SHORT) -> str:
+    """A name of somebody else's for a message, as `shown`, cut in its middle to about `most` characters."""
+    text = str(name)
+    return shown(text if len(text) <= most else f"{text[: most // 2]}..{text[-(most // 2) :]}")
+
+
+def listed(names: Iterable[Any], most: int = 6) -> str:
+    """The first of several names, separated by commas, and how many more there are."""
+    texts = [named(name) for name in names]
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import store
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..types import Camera
 from .structure import Lens
 
@@ -44,9 +44,12 @@ def load(folder: str | Path) -> Capture:
 
 
 def _whole(folder: Path) -> Path:
-    if not (folder / CAPTURE).exists():
-        raise InputError(f"capture {folder}: holds no {CAPTURE}; make one with 'diffphys capture IMAGES --out {folder}'")
-    return folder / CAPTURE
+    try:
+        if (folder / CAPTURE).is_file():
+            return folder / CAPTURE
+    except (OSError, ValueError):  # a name too long, or with a NUL
+        pass
+    raise InputError(f"capture {shown(folder)}: holds no {CAPTURE}; make one with 'diffphys capture IMAGES --out {shown(folder)}'")
 
 
 def begin(out: Path) -> Path:
@@ -55,16 +58,16 @@ def begin(out: Path) -> Path:
 
     Raises InputError where `out` holds something else, or cannot be written.
     """
-    if out.exists() and not (out / CAPTURE).exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"--out {out}: exists and is no capture; name a new folder")
     work = out.with_name(out.name + ".part")
     try:
+        if out.exists() and not (out / CAPTURE).exists() and (not out.is_dir() or any(out.iterdir())):
+            raise InputError(f"--out {shown(out)}: exists and is no capture; name a new folder")
         work.mkdir(parents=True, exist_ok=True)
         if (out / SPARSE).exists() and not (work / SPARSE / STAMP).exists():
             shutil.rmtree(work / SPARSE, ignore_errors=True)
             shutil.copytree(out / SPARSE, work / SPARSE)
     except OSError as error:
-        raise InputError(f"--out {out}: {error.strerror or error}; choose a folder that can be written") from error
+        raise InputError(f"--out {shown(out)}: {error.strerror or error}; choose a folder that can be written") from error
     return work
 
 

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 
 from ..bags.read import is_bag, read_clip
-from ..bags.video import IMAGE_SUFFIXES, natural_order, read_image, video_frames
+from ..bags.storage import existing
+from ..bags.video import image_files, read_image, video_frames
 from ..config import Settings
-from ..errors import InputError
+from ..errors import InputError, shown
 
 LEAST_PICTURES = 6  # fewer do not go round an object
 VIDEO_PICTURES = 60  # taken from a video or a recording where capture.every is 0
@@ -33,9 +34,7 @@ def pictures_of(source: Path, settings: Settings) -> tuple[Iterator[Picture], np
 
     Raises InputError, at the latest while they are read, where there are too few, or of different sizes.
     """
-    if not source.exists():
-        raise InputError(f"{source}: there is no such file or folder; give a folder of images, a video or a recording of the still object")
-    if is_bag(source):
+    if is_bag(existing(source)):
         clip = read_clip(source, settings)
         height, width = clip.frames.shape[1:3]
         factor = min(1.0, settings.capture.max_side_px / max(height, width))
@@ -57,13 +56,13 @@ def _checked(source: Path, named: Iterator[tuple[str, np.ndarray]], settings: Se
         image = bounded(image, settings.capture.max_side_px)
         if size is not None and image.shape[:2] != size:
             raise InputError(
-                f"{source}: {name} has {image.shape[1]}x{image.shape[0]} px, the pictures before it {size[1]}x{size[0]} px; "
+                f"{shown(source)}: {shown(name)} has {image.shape[1]}x{image.shape[0]} px, the pictures before it {size[1]}x{size[0]} px; "
                 "give pictures of one camera, all upright or all on their side"
             )
         size, count = image.shape[:2], count + 1
         yield Picture(f"{name}.png", image)
     if count < LEAST_PICTURES:
-        raise InputError(f"{source}: holds {count} pictures, needs at least {LEAST_PICTURES}; take more from all around the object, each overlapping the last")
+        raise InputError(f"{shown(source)}: holds {count} pictures, needs at least {LEAST_PICTURES}; take more from all around the object, each overlapping the last")
 
 
 def bounded(image: np.ndarray, max_side_px: int) -> np.ndarray:
@@ -71,11 +70,11 @@ def bounded(image: np.ndarray, max_side_px: int) -> np.ndarray:
     factor = max_side_px / max(image.shape[:2])
     if factor >= 1:
         return image
-    return cv2.resize(image, (round(image.shape[1] * factor), round(image.shape[0] * factor)), interpolation=cv2.INTER_AREA)
+    return cv2.resize(image, (max(round(image.shape[1] * factor), 1), max(round(image.shape[0] * factor), 1)), interpolation=cv2.INTER_AREA)
 
 
 def _files(folder: Path) -> Iterator[tuple[str, np.ndarray]]:
-    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES), key=natural_order)
+    files = image_files(folder)
     stems = [f.stem for f in files]
     return ((f.stem if stems.count(f.stem) == 1 else f.name.replace(".", "_"), read_image(f)) for f in files)
 

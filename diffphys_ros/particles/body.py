@@ -50,6 +50,11 @@ def _parts(labels: np.ndarray, view: View, inside: np.ndarray) -> np.ndarray:
 
 def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:
     parts = max(int(part[solid.inside].max()), 1)
+    if lacking := np.setdiff1d(np.arange(1, parts + 1), part[solid.inside]).tolist():
+        raise InputError(
+            f"{clip.source or 'clip'}: part {lacking[0]} of {parts} covers no cell of the object (its pixels lack a depth, or are too few); "
+            "mark it larger in scene.first_mask, join it with its neighbour, or lower segment.max_parts"
+        )
     volumes = np.array([(solid.half * (part == k + 1)).sum() for k in range(parts)]) * 2 * view.raster.pitch_m**2
     density, density_source = part_densities(scene, volumes)
     return Body(

@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 
 from ..config import Settings
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..types import IGNORE, Clip
+
+MOST_BYTES = 256 << 20  # of a mask's file
+MOST_PARTS = 16
 
 
 def given_mask(clip: Clip, settings: Settings) -> np.ndarray:
@@ -21,16 +24,20 @@ def given_mask(clip: Clip, settings: Settings) -> np.ndarray:
     """
     name = settings.scene.first_mask
     if name:
-        return _checked(_read(name), f"scene.first_mask {name}", clip)
+        return _checked(_read(name), f"scene.first_mask {shown(name)}", clip)
     if clip.first_labels is None:
         raise InputError("segment.method is 'given' but neither scene.first_mask nor a mask topic is; give the path of a PNG or choose 'motion'")
     return _checked(clip.first_labels, "the mask topic", clip)
 
 
 def _read(name: str) -> np.ndarray:
-    image = cv2.imread(name, cv2.IMREAD_UNCHANGED) if Path(name).is_file() else None
-    if image is None:
-        raise InputError(f"scene.first_mask {name}: not a readable image; give the path of a PNG of the object in frame 0")
+    try:
+        path = Path(name)
+        image = cv2.imread(name, cv2.IMREAD_UNCHANGED) if path.is_file() and path.stat().st_size <= MOST_BYTES else None
+    except (OSError, ValueError, cv2.error):  # a name too long or with a NUL; a header that promises more pixels than OpenCV takes
+        image = None
+    if image is None or image.dtype.kind != "u":
+        raise InputError(f"scene.first_mask {shown(name)}: not a readable image of whole numbers; give the path of a PNG of the object in frame 0")
     return image[..., :3].max(-1) if image.ndim == 3 else image
 
 
@@ -50,4 +57,6 @@ def _checked(image: np.ndarray, name: str, clip: Clip) -> np.ndarray:
     parts = np.setdiff1d(np.unique(image), (0, IGNORE))
     if not np.array_equal(parts, np.arange(1, len(parts) + 1)):
         raise InputError(f"{name}: part numbers {parts[:10].tolist()} must be 1..n without gaps (255: ignore); renumber the parts")
+    if len(parts) > MOST_PARTS:
+        raise InputError(f"{name}: has {len(parts)} parts, at most {MOST_PARTS} can be told apart by their motion; join some")
     return image.astype(np.uint8)

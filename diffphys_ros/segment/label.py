@@ -16,6 +16,8 @@ from .parts import numbered, split_parts
 from .propagate import propagate
 from .sam import sam_mask
 
+LEAST_SIDE_PX = 32  # of a frame: OpenCV's optical flow reads beyond the images of its pyramid where one is a narrow strip
+
 METHODS: dict[str, Callable[[Clip, Settings], np.ndarray]] = {
     "given": given_mask,
     "motion": motion_mask,
@@ -28,8 +30,14 @@ def label_clip(clip: Clip, settings: Settings) -> np.ndarray:
     """Label images of the whole clip, uint8 (T, H, W): 0 background, 1..n parts with 1 at the clamp, 255 ignore.
 
     The object mask of frame 0 comes from `segment.method`; a mask without parts is split by colour into at most
-    `segment.max_parts` connected parts; optical flow carries both through the clip. Raises InputError where no object is found.
+    `segment.max_parts` connected parts; optical flow carries both through the clip. Raises InputError where no object is found,
+    and for frames too small to see motion.
     """
+    height, width = clip.frames.shape[1:3]
+    if min(height, width) < LEAST_SIDE_PX:
+        raise InputError(
+            f"{clip.source or 'clip'}: the frames have {width} x {height} pixels, needs at least {LEAST_SIDE_PX} a side to see motion; film the object larger"
+        )
     method = settings.segment.method
     if method == "auto":
         method = "given" if settings.scene.first_mask or clip.first_labels is not None else "sam" if settings.segment.model else "motion"

@@ -62,6 +62,9 @@ def _by_colour(frame: np.ndarray, core: np.ndarray, likely: np.ndarray, allowed:
     rim = np.ones(core.shape, bool)
     rim[border:-border, border:-border] = False
     guess[(rim & ~core) | ~allowed] = cv2.GC_BGD
+    object_like = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)
+    if object_like.all() or not object_like.any():  # colours of one side alone: nothing to tell apart
+        return object_like
     cv2.setRNGSeed(0)
     cv2.grabCut(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), guess, None, np.zeros((1, 65)), np.zeros((1, 65)), 5, cv2.GC_INIT_WITH_MASK)
     return (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)

@@ -67,6 +67,8 @@ def one_piece_each(parts: np.ndarray) -> np.ndarray:
 def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray | None:
     """Label image of `count` colour clusters, or None where they are no parts."""
     values = colour[mask]
+    if len(values) < count:
+        return None
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 0.05)
     cv2.setRNGSeed(0)
     _, index, centres = cv2.kmeans(values, count, None, criteria, 8, cv2.KMEANS_PP_CENTERS)

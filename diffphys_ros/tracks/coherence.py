@@ -17,6 +17,7 @@ WILD, FAR = 10.0, 4.0  # of a position from the fit, in medians over all tracks 
 ROUNDS = 4  # of fitting again at the end
 REFITS, SMALLEST_SHARE = 6, 0.1  # rounds of reweighting; errors below this share of their median weigh alike
 WRONG = 7.0  # from which the track does not hold in that frame
+LEAST_SIZE = 1e-30  # m^2: of the shapes' second moment where no track holds in a frame, or none moves
 RIDGE = 1e-3  # against tracks that hold in few frames; a coordinate seen in all of them has the weight of their number
 
 
@@ -112,7 +113,8 @@ def _refitted(shapes: np.ndarray, moved: np.ndarray, holds: np.ndarray) -> np.nd
     for _ in range(REFITS):
         normal = np.einsum("fm,mci,mcj->fij", weight, design, design)
         moment = np.einsum("fm,mci,fmc->fi", weight, design, offset)
-        ridge = RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(design.shape[2]) / design.shape[2]
+        size = np.maximum(np.trace(normal, axis1=1, axis2=2), LEAST_SIZE)[:, None, None]
+        ridge = RIDGE * size * np.eye(design.shape[2]) / design.shape[2]
         q = np.linalg.solve(normal + ridge * RIDGE, moment[..., None])[..., 0]
         fitted = constant + np.einsum("fi,mci->fmc", q, design)
         error = np.linalg.norm(moved - fitted, axis=2)

@@ -11,6 +11,7 @@ from ..types import Camera, Clip
 LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane
 LARGEST_ODDITY = 6.0  # of a displacement from its neighbours' median, in robust standard deviations over all points
 LARGEST_MOTION = 6.0  # of a displacement, in 0.9-quantiles of all displacements of the clip
+LEAST_STEEPNESS = 0.02  # sine of the angle between a ray and its point's plane, below which where they meet is noise
 LARGEST_OFFSET = 0.01  # of a frame-0 depth from the object's surface, as a share of the depth
 
 
@@ -38,9 +39,11 @@ def points_on_planes(camera: Camera, pixels: np.ndarray, valid: np.ndarray, dept
     surface = _at(depth0, pixels[0])
     start = camera.backproject(pixels[0].astype(float), surface)
     rays = camera.rays(pixels.astype(float))
-    height = (start - camera.position) @ normal
-    points = camera.position + rays * (height / (rays @ normal))[..., None]
-    return points, valid & (surface > 0)
+    height, steepness = (start - camera.position) @ normal, rays @ normal
+    met = np.abs(steepness) > LEAST_STEEPNESS * np.linalg.norm(rays, axis=-1)
+    met &= met[:1] & (steepness * steepness[:1] > 0)  # a ray along the plane meets it nowhere, one from its other side behind the camera
+    points = camera.position + rays * np.where(met, height / np.where(met, steepness, 1.0), surface)[..., None]
+    return points, valid & (surface > 0) & met
 
 
 def without_oddities(points: np.ndarray, valid: np.ndarray) -> np.ndarray:

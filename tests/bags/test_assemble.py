@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diffphys_ros.bags.assemble import assemble
+from diffphys_ros.bags.assemble import MOST_PIXELS, Bounded, assemble
 from diffphys_ros.bags.camera import camera_from_fov
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
@@ -112,3 +112,50 @@ def test_depth_of_another_size_than_the_colour_is_refused() -> None:
     times = stamps(4)
     with pytest.raises(InputError, match="depth image has 8x6 px, must have the camera's 4x3 px"):
         clip(times, [(ns, np.ones((6, 8), np.float32)) for ns in times])
+
+
+def test_a_clip_of_more_pixels_than_can_be_worked_on_is_refused_before_it_is_stacked() -> None:
+    camera = camera_from_fov(60.0, 3840, 2160)
+    picture = np.zeros((2160, 3840, 3), np.uint8)  # one for all: only the sum counts
+    with pytest.raises(InputError, match=r"its first 4000 frames have 33177600000 pixels together, at most 400000000 are taken .*cut out"):
+        assemble([(START + k * 10**7, picture) for k in range(4000)], [], camera, "test")
+
+
+def test_reading_ends_at_the_first_frame_that_is_too_many() -> None:
+    images, picture = Bounded("test"), np.zeros((2160, 3840, 3), np.uint8)
+    for k in range(MOST_PIXELS // (2160 * 3840)):
+        images.add(k, picture)
+    with pytest.raises(InputError, match=r"frames have \d+ pixels together"):
+        images.add(0, picture)
+
+
+def test_more_frames_than_can_be_worked_on_are_refused() -> None:
+    with pytest.raises(InputError, match=r"has more than 5000 frames"):
+        assemble([(ns, frame(0)) for ns in stamps(5001)], [], CAMERA, "test")
+
+
+@pytest.mark.parametrize("stamp", [2**63, -(2**63), 10**19, 2**64 - 1])
+def test_a_stamp_that_is_no_time_is_refused(stamp: int) -> None:
+    with pytest.raises(InputError, match=r"carries the stamp .* s, must be within"):
+        clip([*stamps(3), stamp])
+
+
+@pytest.mark.parametrize("step", [10**18, 1])
+def test_frames_ages_or_nothing_apart_are_refused(step: int) -> None:
+    with pytest.raises(InputError, match=r"frames are .* s apart, must be between 1e-06 and 100 s"):
+        clip([k * step for k in range(4)])
+
+
+def test_stamps_before_1970_and_backwards_make_the_same_clock() -> None:
+    times = [-(10**17) + 40_000_000 * k for k in range(6)]
+    result = clip(times[::-1])
+    assert result.start_ns == times[0]
+    assert result.period_s == pytest.approx(0.04)
+    assert shown(result) == [5, 4, 3, 2, 1, 0]
+
+
+@pytest.mark.parametrize("size", [(1, 20_000), (20_000, 1)])
+def test_an_image_too_long_to_work_on_is_refused(size: tuple[int, int]) -> None:
+    camera = camera_from_fov(60.0, size[1], size[0])
+    with pytest.raises(InputError, match=r"may have 16384 px a side"):
+        assemble([(ns, np.zeros((*size, 3), np.uint8)) for ns in stamps(3)], [], camera, "test")

@@ -87,3 +87,61 @@ def test_a_pose_is_the_product_of_the_chain_up_to_the_root() -> None:
 def test_a_circle_of_transforms_is_refused() -> None:
     with pytest.raises(InputError, match="camera <- base <- camera form a circle"):
         pose_in_root({"camera": ("base", np.eye(4)), "base": ("camera", np.eye(4))}, "camera")
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({8: 7.0}, r"K\[1, 3, 6, 7, 8\] = 0, 0, 0, 0, 7, must be 0, 0, 0, 0, 1"),
+        ({8: 0.0}, r"must be 0, 0, 0, 0, 1"),
+        ({1: 200.0}, r"K\[1, 3, 6, 7, 8\] = 200, .*a camera without skew"),
+        ({3: 5.0}, r"must be 0, 0, 0, 0, 1"),
+        ({4: 0.0}, r"K\[4\] = 0, must be above 0"),
+        ({0: 1e-9}, r"K\[0\] = 1e-09 px at a width of 160 px, must be between"),
+        ({4: 1e12}, r"K\[4\] = 1e\+12 px at a height of 120 px, must be between"),
+        ({2: 1e9}, r"optical axis at K\[2\] = 1e\+09 px"),
+    ],
+)
+def test_a_matrix_that_is_no_pinhole_camera_is_refused_with_its_entry(changed: dict[int, float], reason: str) -> None:
+    k = [changed.get(i, value) for i, value in enumerate(K)]
+    with pytest.raises(InputError, match=reason):
+        camera_from_info(k, [], 160, 120, "optical")
+
+
+def test_unequal_focal_lengths_are_used() -> None:
+    camera = camera_from_info([200.0, 0, 79.5, 0, 100.0, 59.5, 0, 0, 1], [], 160, 120, "optical")
+    np.testing.assert_allclose(camera.project(np.array([0.1, 0.1, 1.0]))[0], [99.5, 69.5])
+    np.testing.assert_allclose(camera.backproject(np.array([99.5, 69.5]), np.array(1.0)), [0.1, 0.1, 1.0])
+
+
+def test_a_rounding_errors_skew_is_taken_as_none() -> None:
+    assert camera_from_info([200.0, 1e-9, 79.5, 0, 210.0, 59.5, 0, 0, 1], [], 160, 120, "optical").pixel_from_camera[0, 1] == 0
+
+
+@pytest.mark.parametrize(("model", "count"), [("plumb_bob", 3), ("plumb_bob", 8), ("rational_polynomial", 7), ("equidistant", 2), ("equidistant", 5), ("", 1)])
+def test_a_number_of_coefficients_that_the_model_does_not_have_is_refused(model: str, count: int) -> None:
+    with pytest.raises(InputError, match=rf"{count} distortion coefficients for .*, must be [\d, ]+; calibrate"):
+        undistorter(K, [0.01] * count, model, 160, 120)
+
+
+@pytest.mark.parametrize("d", [[30.0, 500.0, 0, 0, 0], [1e300, 0, 0, 0, 0]])
+def test_a_distortion_that_no_lens_has_is_refused(d: list[float]) -> None:
+    with pytest.raises(InputError, match=r"puts \d+% of the undistorted picture outside"):
+        undistorter(K, d, "plumb_bob", 160, 120)
+
+
+def test_a_long_chain_of_transforms_is_followed_in_no_time_and_an_absurd_one_refused() -> None:
+    step = matrix_from_transform((0, 0, 1e-3), (0, 0, 0, 1))
+    chain = {str(k): (str(k + 1), step) for k in range(20_000)}
+    assert pose_in_root(chain, "0")[0][2, 3] == pytest.approx(20.0)
+    far = matrix_from_transform((0, 0, 9e5), (0, 0, 0, 1))
+    with pytest.raises(InputError, match=r"/tf_static: 0 lies .* m from 2, must be nearer than"):
+        pose_in_root({"0": ("1", far), "1": ("2", far)}, "0")
+
+
+@pytest.mark.parametrize("absurd", [1e300, np.inf])
+def test_a_transform_of_absurd_numbers_is_refused_without_a_warning(absurd: float, recwarn: pytest.WarningsRecorder) -> None:
+    for translation, rotation in (((absurd, 0, 0), (0, 0, 0, 1)), ((0, 0, 0), (0, absurd, 0, 1))):
+        with pytest.raises(InputError, match="must be a unit quaternion xyzw and a place within"):
+            matrix_from_transform(translation, rotation)
+    assert not recwarn.list

@@ -228,3 +228,10 @@ def test_the_front_is_where_the_surface_is_highest_whatever_specks_rise_before_i
     for surface in (np.zeros(u.shape), -2e-4 * u):
         height = surface + noise + np.where(specks, 0.05, 0.0)
         assert front_level(height, mask, 2e-4) == pytest.approx(0.0, abs=7e-4)
+
+
+def test_a_part_without_cells_is_refused_by_its_number(clip: Clip) -> None:
+    labels = clip.labels.copy()
+    labels[:, labels[0] > 0] += 1  # no pixel is left to part 1
+    with pytest.raises(InputError, match=r"part 1 of \d covers no cell of the object"):
+        build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())

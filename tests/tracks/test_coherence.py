@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diffphys_ros.tracks.coherence import settled, shared_motion
+from diffphys_ros.tracks.coherence import _refitted, settled, shared_motion
 from diffphys_ros.types import Camera, Clip
 
 FRAMES, SIGMA = 50, 1e-3
@@ -88,3 +88,18 @@ def test_a_frame_unlike_all_others_keeps_its_tracks() -> None:
     true, valid = noisy(sheet()), np.ones((FRAMES, 225), bool)
     true[30] = true[0] + 2.5 * (noisy(sheet())[30] - true[0])
     assert settled(seen(true), true, valid)[1][30].mean() > 0.95
+
+
+def test_frames_in_which_no_track_holds_and_points_that_do_not_move_are_borne() -> None:
+    still = np.repeat(sheet()[:1], FRAMES, 0)
+    for points in (still, sheet()):
+        valid = np.ones(points.shape[:2], bool)
+        valid[7, 5:], valid[8] = False, False
+        _, kept = settled(seen(points), points, valid)
+        assert kept[0].all()
+        assert not kept[8].any()
+
+
+def test_a_frame_in_which_all_that_holds_stands_where_it_was_has_no_singular_fit() -> None:
+    shapes = np.zeros((50, 3, 3))  # of tracks that do not move
+    assert np.isfinite(_refitted(shapes, np.zeros((8, 50, 3)), np.ones((8, 50), bool))).all()
