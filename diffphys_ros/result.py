@@ -18,7 +18,7 @@ import numpy as np
 
 from . import config, store
 from .errors import InputError
-from .types import PROBLEMS, Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
+from .types import PROBLEMS, Body, Camera, Clip, Doubt, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 if TYPE_CHECKING:
     from .recover.prepare import Prepared
@@ -48,7 +48,7 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
     part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
     clamped (N,), force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered,
-    initial_velocity (N, 3), identified (n,), reasons (n,), period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
+    initial_velocity (N, 3), identified (n,), reasons (n,), force_identified, force_reason, period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
     dotted settings).
 
     For a re-simulation, in the body frame, whose pose is world_from_body (4, 4): gravity (3,), grid_origin (3,), grid_dx,
@@ -80,6 +80,8 @@ def load(folder: str | Path) -> Recovery:
             reasons=tuple(z["reasons"].tolist()),
             metrics=metrics,
             notes=tuple(notes),
+            force_identified=bool(z["force_identified"]),
+            force_reason=str(z["force_reason"]),
         )
     except KeyError as error:
         raise InputError(f"recovery {path}: array {error} is missing; recover the clip again") from error
@@ -144,7 +146,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.zones import Zoned
     from .recover.prepare import Prepared
 
-    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Doubt, Tracks, Body, StartValues, MaterialPrior))
     if not isinstance(found, dict) or {"prepared", "settings"} - set(found):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     return found
@@ -204,6 +206,8 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         **{name: getattr(recovery, name) for name in _SCALARS},
         "identified": recovery.identified,
         "reasons": np.array(recovery.reasons),
+        "force_identified": recovery.force_identified,
+        "force_reason": np.array(recovery.force_reason),
         "engine": np.array(recovery.simulation.engine),
         **{f"{recovery.simulation.engine}_{name}": value for name, value in vars(recovery.simulation).items() if value is not None},
         "start_ns": clip.start_ns,

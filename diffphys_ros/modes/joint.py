@@ -14,6 +14,7 @@ import numpy as np
 
 from ..types import Body, Camera, StartValues, Tracks
 from .force import AXES
+from .least import solved
 from .model import ModalModel
 
 ITERATIONS = 130
@@ -187,6 +188,6 @@ def _refit(problem: _Problem, z: np.ndarray, forced: np.ndarray) -> tuple[float,
             value, gradient, hessian = problem.misfit(z)
         matrix = (hessian + 2 * penalty)[np.ix_(kept, kept)]
         step = np.zeros_like(z)
-        step[kept] = -np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), (gradient + 2 * penalty @ z)[kept])
+        step[kept] = -solved(matrix + damping * np.diag(np.diag(matrix)), (gradient + 2 * penalty @ z)[kept])
         z = z + step * min(1.0, 0.5 / max(np.abs(step[:n]).max(), 1e-12))
     return best
