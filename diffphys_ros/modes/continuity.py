@@ -6,6 +6,8 @@ missing though the stamps run on do change its place.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .support import LEAST_TAIL_FRAMES, Rows, start_of_tail
@@ -54,7 +56,7 @@ def _break(q: np.ndarray, known: np.ndarray, at_rest: bool, noise_m: float) -> i
         return None
     matrix, misfit, _, sigma, _ = rows.robust(start, q[known], noise_m)
     rest = np.where(rows.usable[:, None], rows.target - rows.source @ matrix, 0.0)
-    strange = np.array([_no_push(a, b) for a, b in zip(rest[:-1], rest[1:], strict=True)])
+    strange = np.array([_no_push(a, b) for a, b in pairwise(rest)])
     around = np.maximum(np.r_[0.0, misfit[:-2]], np.r_[misfit[2:], 0.0])
     found = (strange > STRANGE * sigma) & (around < QUIET_AROUND * np.maximum(misfit[:-1], misfit[1:])) & (_over_others(strange, BESIDE) > ALONE_STRANGE)
     found &= rows.usable[:-1] & rows.usable[1:]
