@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_CHANGE = 0.2  # of the largest change from frame to frame, before and after pictures that are equal to the bit: without it the object rests
+LEAST_CHANGE = 0.3  # of the usual change from frame to frame, before and after pictures that are equal to the bit: without it the object rests
 
 
 def stuck_frames(frames: np.ndarray, observed: np.ndarray) -> np.ndarray:
@@ -12,7 +12,7 @@ def stuck_frames(frames: np.ndarray, observed: np.ndarray) -> np.ndarray:
     after; bool (T,). Equal is equal in every pixel: where an object turns about, two frames are alike but hardly the same."""
     received = np.flatnonzero(observed)
     change = np.array([0.0, *(_change(frames[a], frames[b]) for a, b in zip(received[:-1], received[1:], strict=True))])
-    least = LEAST_CHANGE * change.max(initial=0.0)
+    least = LEAST_CHANGE * float(np.median(change[change > 0])) if change.any() else 0.0
     stuck = np.zeros(len(frames), bool)
     for first, last in _runs(change == 0.0):
         before, after = (change[first - 1] if first else 0.0), (change[last + 1] if last + 1 < len(change) else np.inf)

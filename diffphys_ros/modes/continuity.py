@@ -12,7 +12,7 @@ import numpy as np
 
 from .support import LEAST_TAIL_FRAMES, Rows, start_of_tail
 
-STRIDE, ALONE, SURE = 0.9, 2.5, 10.0  # a gap over the longer of the steps beside it, over all other gaps, and over the noise
+STRIDE, SMOOTH, ALONE, SURE = 0.9, 2.5, 2.5, 10.0  # a gap over the longest step beside it, over third differences there, over all other gaps, over noise
 STRANGE, QUIET_AROUND, ALONE_STRANGE = 8.0, 0.25, 3.0  # what no push explains over the usual misfit, the equations around over it, and it over all others
 BESIDE = 3  # frames around a gap whose gaps it spoils
 WITHOUT_REST = 0.3  # distance of the shape that a body swings about from that of frame 0, over its motion; large swings shift it as well
@@ -33,18 +33,17 @@ def jump_after(q: np.ndarray, known: np.ndarray, *, at_rest: bool, noise_m: floa
 
 def _leap(q: np.ndarray, known: np.ndarray, common_m: float) -> int | None:
     """By the parabolas through three frames before and three after, which must meet half-way between: a push between two frames opens a gap
-    of half of the step that follows at the most."""
-    if len(q) < 6:
+    of half of the step that follows at the most. Four frames on either side must be smooth: one seen wrongly opens a gap as well."""
+    if len(q) < 8:
         return None
-    left = (15 * q[2:-3] - 10 * q[1:-4] + 3 * q[:-5]) / 8
-    right = (15 * q[3:-2] - 10 * q[4:-1] + 3 * q[5:]) / 8
-    step = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    whole = np.lib.stride_tricks.sliding_window_view(known, 6).all(1)
-    gap = np.where(whole, np.linalg.norm(right - left, axis=1), 0.0)
-    stride = np.maximum(step[1:-3], step[3:-1])  # before and after
-    alone = _over_others(gap, BESIDE)
-    found = np.flatnonzero((gap > STRIDE * stride) & (alone > ALONE) & (gap > SURE * common_m))
-    return int(found[gap[found].argmax()]) + 2 if len(found) else None
+    at = np.arange(3, len(q) - 4)  # the frame before the gap
+    left, right = ((15 * q[at + near] - 10 * q[at + near + side] + 3 * q[at + near + 2 * side]) / 8 for near, side in ((0, -1), (1, 1)))
+    gap = np.linalg.norm(right - left, axis=1) * np.lib.stride_tricks.sliding_window_view(known, 8).all(1)
+    step, third = (np.linalg.norm(np.diff(q, order, axis=0), axis=1) for order in (1, 3))
+    stride = np.max([step[at + k] for k in (-2, -1, 1, 2)], 0)
+    rough = np.maximum(third[at - 3], third[at + 1])
+    found = np.flatnonzero((gap > STRIDE * stride) & (gap > SMOOTH * rough) & (_over_others(gap, BESIDE) > ALONE) & (gap > SURE * common_m))
+    return int(at[found[gap[found].argmax()]]) if len(found) else None
 
 
 def _break(q: np.ndarray, known: np.ndarray, at_rest: bool, noise_m: float) -> int | None:
