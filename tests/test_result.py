@@ -28,6 +28,13 @@ def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Re
     assert back.force.dtype == np.float32
 
 
+def test_what_is_said_of_the_force_comes_back(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    told = dataclasses.replace(made_recovery, force_identified=True, force_reason="it is seen well.")
+    result.save(told, made_clip, config.Settings(), tmp_path)
+    back = result.load(tmp_path)
+    assert (back.force_identified, back.force_reason) == (True, "it is seen well.")
+
+
 def made_modes(recovery: Recovery) -> ModalProblem:
     count, modes = len(recovery.points), 3
     shapes = {"rest": (count, 3), "young": (count,), "basis": (count, 3, modes), "load": (modes, 3), "force": (len(recovery.trajectory), 3)}

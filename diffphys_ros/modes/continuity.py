@@ -13,7 +13,7 @@ import numpy as np
 from .support import LEAST_TAIL_FRAMES, Rows, start_of_tail
 
 STRIDE, SMOOTH, ALONE, SURE = 0.9, 2.5, 2.5, 10.0  # a gap over the longest step beside it, over third differences there, over all other gaps, over noise
-STRANGE, QUIET_AROUND, ALONE_STRANGE = 8.0, 0.25, 3.0  # what no push explains over the usual misfit, the equations around over it, and it over all others
+STRANGE, QUIET_AROUND, ALONE_STRANGE = 8.0, 0.35, 1.5  # what no push explains over the usual misfit, the equations around over it, and it over all others
 BESIDE = 3  # frames around a gap whose gaps it spoils
 WITHOUT_REST = 0.3  # distance of the shape that a body swings about from that of frame 0, over its motion; large swings shift it as well
 LEAST_PERIODS = 1.5  # of free motion that tell of that shape

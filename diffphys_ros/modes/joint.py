@@ -89,7 +89,10 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
     spread = (np.ptp(logs, axis=0) if len(logs) > 1 else np.full(n, np.log(3.0))) / np.log(10)
     free = int((~forced).sum())
     told = (spread < AGREEMENT) & (free >= LEAST_FREE)
-    reason = f"no free tail; joint fit of stiffness and force with {free} force-free frames, starts agree within {{:.2f}} in log10 E"
+    reason = (
+        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {LEAST_FREE}), "
+        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})."
+    )
     motion = problem.motion(z)
     return replace(
         start,
@@ -117,7 +120,7 @@ def _problem(body: Body, tracks: Tracks, period_s: float, start: StartValues, mo
         moved = moved - rays * np.einsum("mc,tmc->tm", rays, moved)[..., None]
         basis = basis - np.einsum("mc,mr->mcr", rays, np.einsum("mc,mcr->mr", rays, basis))
     moved = np.where(tracks.valid[..., None], moved, 0.0)
-    scale = (moved**2).sum()
+    scale = float((moved**2).sum()) or 1.0  # nothing moves at all: then nothing is told
     gram = np.einsum("tm,mca,mcb->tab", tracks.valid.astype(float), basis, basis, optimize=True) / scale
     second = np.diff(moved, 2, axis=0) / period_s**2
     acceleration = float(np.sqrt(np.median((second**2).sum(-1).mean(1))))
