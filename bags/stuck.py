@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 LEAST_CHANGE = 0.3  # of the usual change from frame to frame, before and after pictures that are equal to the bit: without it the object rests
@@ -11,7 +13,7 @@ def stuck_frames(frames: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """Which of the frames (T, H, W, 3) uint8, among those `observed` (T,), show the picture before once more though things move before and
     after; bool (T,). Equal is equal in every pixel: where an object turns about, two frames are alike but hardly the same."""
     received = np.flatnonzero(observed)
-    change = np.array([0.0, *(_change(frames[a], frames[b]) for a, b in zip(received[:-1], received[1:], strict=True))])
+    change = np.array([0.0, *(_change(frames[a], frames[b]) for a, b in pairwise(received))])
     least = LEAST_CHANGE * float(np.median(change[change > 0])) if change.any() else 0.0
     stuck = np.zeros(len(frames), bool)
     for first, last in _runs(change == 0.0):

@@ -14,7 +14,7 @@ from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
 from diffphys_ros.modes.model import ModalModel
 from diffphys_ros.recover.prepare import Prepared
-from diffphys_ros.types import Body, Clip, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
+from diffphys_ros.types import Body, Clip, Doubt, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 
 def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
@@ -221,7 +221,8 @@ def made_prepared(made_clip: Clip) -> Prepared:
         True,
         {"density": "mass_kg"},
     )
-    return Prepared(made_clip, np.ones((2, 2), np.float32), "depth topic", tracks, body, start, model)
+    doubts = (Doubt("the camera moves", of_young=True),)
+    return Prepared(made_clip, np.ones((2, 2), np.float32), "depth topic", tracks, body, start, model, doubts=doubts)
 
 
 def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepared: Prepared) -> None:
