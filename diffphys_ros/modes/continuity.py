@@ -84,20 +84,20 @@ def moving_at_first(q: np.ndarray, known: np.ndarray, *, common_m: float) -> boo
     return bool(first > MOVING_SURE * common_m and first > MOVING * second)
 
 
-def off_rest_m(q: np.ndarray, known: np.ndarray, frequency_hz: float, period_s: float, *, noise_m: float) -> float:
-    """How far from its shape in frame 0 the shape lies that the body swings about freely, at `frequency_hz` [m]; 0 where that is less than
-    WITHOUT_REST of the motion, or not told. Arguments as in jump_after."""
+def swings_off_rest(q: np.ndarray, known: np.ndarray, frequency_hz: float, period_s: float, *, noise_m: float) -> bool:
+    """Whether the shape that the body swings about freely, at `frequency_hz`, is another than that of frame 0; false where nothing tells.
+    Other arguments as in jump_after."""
     rows = Rows.of(q, known, False)
     start = start_of_tail(rows)
     if start is None:
-        return 0.0
+        return False
     matrix, _, keep, _, _ = rows.robust(start, q[known], noise_m)
     free = q[np.flatnonzero(keep) + 2]
     if len(free) < LEAST_TAIL_FRAMES or len(free) * period_s * frequency_hz < LEAST_PERIODS:
-        return 0.0
+        return False
     centre = _centre(matrix, rows.source[0, -1])
     far, size = float(np.linalg.norm(centre)), float(np.sqrt(((free - centre) ** 2).sum(1).mean()))
-    return far if far > WITHOUT_REST * size and far > MOVING_SURE * noise_m else 0.0
+    return far > WITHOUT_REST * size and far > MOVING_SURE * noise_m
 
 
 def _centre(matrix: np.ndarray, unit: float) -> np.ndarray:

@@ -251,7 +251,7 @@ class Evidence:
         if detuning > MOST_DETUNING * FREQUENCY_SD:
             text = (
                 f"the modes explain the free motion only if a frequency of theirs is {100 * detuning:.0f} % off, at most {100 * MOST_DETUNING * FREQUENCY_SD:.0f} % "
-                "may it be; check scene.gravity_m_s2, thickness, mask and parts."
+                "is allowed; check scene.gravity_m_s2, thickness, mask and parts."
             )
             return [(True, text)] * len(sd)
         return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..config import Settings
-from ..modes.continuity import jump_after, moving_at_first, off_rest_m
+from ..modes.continuity import jump_after, moving_at_first, swings_off_rest
 from ..modes.observation import Motion, observe
 from ..types import Body, Clip, Doubt, StartValues, Tracks
 
@@ -33,8 +33,7 @@ def _of_rest(motion: Motion, period_s: float, start: StartValues) -> tuple[Doubt
         text = "the object moves in frame 0 already, where scene.at_rest says that it rests; begin the clip earlier or set scene.at_rest to false"
         return (Doubt(text, of_young=True),)
     hz = float(start.observed_hz[0]) if len(start.observed_hz) else 0.0
-    far = off_rest_m(q, known, hz, period_s, noise_m=motion.noise_m)
-    if not far:
+    if not swings_off_rest(q, known, hz, period_s, noise_m=motion.noise_m):
         return ()
-    text = f"the object swings about a shape that lies {1e3 * far:.2g} mm from that of frame 0, which scene.at_rest calls its rest: it moves there, or a force never ends"
+    text = "the object swings about another shape than that of frame 0, which scene.at_rest calls its rest: it moves there, or a force never ends"
     return (Doubt(f"{text}; set scene.at_rest to false or record the object at rest", of_young=True),)

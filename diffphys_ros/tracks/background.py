@@ -19,7 +19,7 @@ LEAST_MOVED = 2  # frames that must be shifted: one may be a torn picture
 TILE_PX = 24  # side of a tile
 MARGIN_PX = 7  # around the object that is left out: its edge, its blur
 LEAST_COVERED = 0.6  # share of a tile that must be background in both frames
-LEAST_TILES = 5  # that must tell of a shift
+LEAST_TILES = 4  # that must tell of a shift
 MOST_STILL = 0.25  # tiles that stand still over tiles that shift, at the most: else something moves before a still camera
 LEAST_SPREAD = 0.4  # of the picture's width or height that the shifted tiles must span
 LEAST_NOISE = 0.4  # grey levels: rounding to whole levels
@@ -30,6 +30,7 @@ SMOOTHINGS_PX = (6.0, 2.0, 1.0)  # from coarse to fine: shifts up to several tim
 ROUNDS = 3  # of Gauss-Newton at each
 WIDEST_PX = 480  # pictures are looked at no larger
 MOST_FRAMES = 36  # nor more of them
+LEAST_TRIPLES, ALONG = 8, 0.5  # triples of frames that tell of jolts, and the share of the camera's that the object must show
 QUIET, QUIETER = 0.1, 0.7  # share of the tracks that move least; and how much less they must move against the background than in the picture
 OUTSIDE = -1e4  # grey level that stands for what lies outside the picture
 GONE = 0.4  # of the picture's width: a longer shift is none
@@ -47,7 +48,7 @@ class CameraMotion:
         far = int(np.linalg.norm(self.shift_px, axis=1).argmax())
         return (
             f"the camera moves: the background lies up to {np.linalg.norm(self.shift_px[far]):.2g} px from where it was in frame 0 (frame {self.frames[far]}), "
-            f"at most {LARGEST_STILL_PX:g} px may it; put the camera on a tripod"
+            f"at most {LARGEST_STILL_PX:g} px is allowed; put the camera on a tripod"
         )
 
 
@@ -170,13 +171,28 @@ def _agreed(first: _Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarra
 
 
 def _seen_by(tracks: Tracks, motion: CameraMotion) -> bool:
-    """Whether the object's quietest points go with the background rather than with the picture: a camera moves both, a shadow one."""
+    """Whether the object goes with the background: a camera moves both, a shadow or a branch one. Its quietest points must move less against
+    the background than in the picture, or all of it must show the camera's jolts."""
     moved = np.where(tracks.valid[..., None], tracks.pixels - tracks.pixels[:1], np.nan)[motion.frames]
     holding = tracks.valid[motion.frames].any(0)
     if not holding.any():
         return True
-    in_picture, on_ground = (np.sqrt(np.nanmean((m[:, holding] ** 2).sum(-1), axis=0)) for m in (moved, moved - motion.shift_px[:, None]))
-    return bool(np.quantile(on_ground, QUIET) < QUIETER * np.quantile(in_picture, QUIET))
+    moved = moved[:, holding]
+    in_picture, on_ground = (np.sqrt(np.nanmean((m**2).sum(-1), axis=0)) for m in (moved, moved - motion.shift_px[:, None]))
+    return bool(np.quantile(on_ground, QUIET) < QUIETER * np.quantile(in_picture, QUIET)) or _jolted(moved, motion)
+
+
+def _jolted(moved: np.ndarray, motion: CameraMotion) -> bool:
+    """Whether displacements (F, M, 2) [px], NaN where unknown, show the second differences of the camera's shift: own motion hardly has any."""
+    even = np.flatnonzero(np.diff(motion.frames, 2) == 0) if len(motion.frames) > 2 else np.zeros(0, int)
+    jolt = np.diff(motion.shift_px, 2, axis=0)[even]
+    if len(even) < LEAST_TRIPLES or np.sqrt((jolt**2).sum(1).mean()) < 2 * LARGEST_STILL_PX:
+        return False
+    seen = np.diff(moved, 2, axis=0)[even]
+    known = np.isfinite(seen).all(-1)
+    power = ((jolt**2).sum(1)[:, None] * known).sum(0)
+    share = (np.where(known[..., None], seen, 0.0) * jolt[:, None]).sum((0, 2)) / np.maximum(power, 1e-12)
+    return bool(np.median(share[power > 0]) > ALONG) if (power > 0).any() else False
 
 
 def _metres_per_pixel(tracks: Tracks) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diffphys_ros.modes.continuity import jump_after, moving_at_first, off_rest_m
+from diffphys_ros.modes.continuity import jump_after, moving_at_first, swings_off_rest
 from diffphys_ros.modes.response import Step, convolve
 
 PERIOD_S, FRAMES = 1 / 30, 60
@@ -89,18 +89,18 @@ def begun(frame: int) -> np.ndarray:
 def test_a_clip_that_begins_in_motion_is_noticed_where_rest_is_told(frame):
     q = begun(frame)
     known = np.ones(len(q), bool)
-    assert moving_at_first(q, known, common_m=COMMON) or off_rest_m(q, known, HZ[0], PERIOD_S, noise_m=NOISE)
+    assert moving_at_first(q, known, common_m=COMMON) or swings_off_rest(q, known, HZ[0], PERIOD_S, noise_m=NOISE)
 
 
 def test_a_clip_that_begins_at_a_turning_point_swings_about_another_shape():
     whole = swings(pushed(3, 10))
     still = 12 + int(np.linalg.norm(np.diff(whole[12:40], axis=0), axis=1).argmin())
     q = begun(still)
-    assert off_rest_m(q, np.ones(len(q), bool), HZ[0], PERIOD_S, noise_m=NOISE) > 1e-3
+    assert swings_off_rest(q, np.ones(len(q), bool), HZ[0], PERIOD_S, noise_m=NOISE)
 
 
 @pytest.mark.parametrize("first", [0, 1, 3])
 def test_a_force_that_sets_in_at_once_leaves_frame_0_at_rest(first):
     q, known = swings(pushed(first, first + 7)), np.ones(FRAMES, bool)
     assert not moving_at_first(q, known, common_m=COMMON)
-    assert not off_rest_m(q, known, HZ[0], PERIOD_S, noise_m=NOISE)
+    assert not swings_off_rest(q, known, HZ[0], PERIOD_S, noise_m=NOISE)

@@ -10,8 +10,8 @@ from diffphys_ros.config import build
 from diffphys_ros.modes import start_values
 from diffphys_ros.modes.joint import joint_values
 from diffphys_ros.recover.answer import notes
-from diffphys_ros.recover.confidence import of_start
 from diffphys_ros.recover.belief import believed, of_parts, on_points, parted
+from diffphys_ros.recover.confidence import of_start
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks

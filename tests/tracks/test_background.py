@@ -47,3 +47,10 @@ def test_lost_frames_and_lost_tracks_are_stepped_over():
     assert camera_motion(lost, tracks) is not None
     assert camera_motion(clip, untracked(tracks)) is not None
     assert camera_motion(replace(clip, observed=np.arange(FRAMES) == 0), tracks) is None
+
+
+def test_a_hand_that_shakes_is_noticed_though_every_point_of_the_object_swings_further():
+    clip, tracks = filmed(wall(), shake(0.5))
+    swing = 4 * np.sin(0.4 * np.arange(FRAMES))[:, None, None] * (1.0, 0.0)
+    assert camera_motion(clip, replace(tracks, pixels=tracks.pixels + swing)) is not None
+    assert camera_motion(clip, replace(tracked(STILL), pixels=tracked(STILL).pixels + swing)) is None
