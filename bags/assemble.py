@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from diffphys_ros.bags.exposure import with_steady_exposure
+from diffphys_ros.bags.stuck import stuck_frames
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera, Clip
 
@@ -69,9 +70,13 @@ def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, n
     slots, period, found = uniform_clock(stamps, source)
     notes = [*notes, *found]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
-    frames, drift = with_steady_exposure(np.stack([images[i][1] for i in last_of_slot]))
-    notes += [f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off"] if drift else []
+    frames = np.stack([images[i][1] for i in last_of_slot])
     observed = np.isin(np.arange(len(frames)), slots)
+    stuck = stuck_frames(frames, observed)
+    frames, drift = with_steady_exposure(frames)
+    notes += [f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off"] if drift else []
+    notes += [f"{stuck.sum()} of {len(frames)} frames show the picture before once more while things move; nothing is fitted to them"] if stuck.any() else []
+    observed &= ~stuck
     depth = None
     if len(depths):
         depth, found = _paired(depths, stamps, slots, period, camera, source)

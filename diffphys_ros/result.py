@@ -20,7 +20,7 @@ from . import config, npz, shapes, store
 from . import folder as folders
 from .errors import InputError
 from .folder import check_writable
-from .types import PROBLEMS, Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
+from .types import PROBLEMS, Body, Camera, Clip, Doubt, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 if TYPE_CHECKING:
     from .recover.prepare import Prepared
@@ -45,7 +45,7 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
     part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
     clamped (N,), force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered,
-    initial_velocity (N, 3), identified (n,), reasons (n,), period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
+    initial_velocity (N, 3), identified (n,), reasons (n,), force_identified, force_reason, period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
     dotted settings).
 
     For a re-simulation, in the body frame, whose pose is world_from_body (4, 4): gravity (3,), grid_origin (3,), grid_dx,
@@ -77,7 +77,7 @@ def load(folder: str | Path) -> Recovery:
 
 def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], notes: tuple[str, ...]) -> Recovery:
     """Raises KeyError for an array that is missing, shapes.MisshapenError for one of another shape."""
-    shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n"} | {name: shapes.RECOVERY[name] for name in _SCALARS})
+    shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n", "force_identified": "truth", "force_reason": "text"} | {name: shapes.RECOVERY[name] for name in _SCALARS})
     fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
     return Recovery(
         **fields,
@@ -88,6 +88,8 @@ def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], not
         reasons=tuple(z["reasons"].tolist()),
         metrics=metrics,
         notes=notes,
+        force_identified=bool(z["force_identified"]),
+        force_reason=str(z["force_reason"]),
     )
 
 
@@ -152,7 +154,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.zones import Zoned
     from .recover.prepare import Prepared
 
-    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Tracks, Body, StartValues, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Doubt, Tracks, Body, StartValues, MaterialPrior))
     if not (isinstance(found, dict) and isinstance(found.get("prepared"), Prepared) and isinstance(found.get("settings"), dict)):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     try:
@@ -221,6 +223,8 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         **{name: getattr(recovery, name) for name in _SCALARS},
         "identified": recovery.identified,
         "reasons": np.array(recovery.reasons),
+        "force_identified": recovery.force_identified,
+        "force_reason": np.array(recovery.force_reason),
         "engine": np.array(recovery.simulation.engine),
         **{f"{recovery.simulation.engine}_{name}": value for name, value in vars(recovery.simulation).items() if value is not None},
         "start_ns": clip.start_ns,

@@ -28,7 +28,7 @@ BODY = {
 START = {
     "young": "positive n", "log10_young_sd": "gap n", "mass_damping": "real", "stiffness_damping": "real", "forced": "truth T", "footprint": "real f",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
-    "residual_m": "gap", "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n",
+    "residual_m": "gap", "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
 }  # fmt: skip
 MODAL = {
     "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "geometric": "real r r",

@@ -112,6 +112,14 @@ class Tracks:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """Something in a recording that contradicts what a recovery takes for granted; force and motion are then not those of the object."""
+
+    text: str  # one sentence
+    of_young: bool  # whether Young's modulus is not to be trusted either
+
+
+@dataclass(frozen=True)
 class Body:
     """The filled solid: a silhouette extruded symmetrically to its mid-plane, on a raster of square cells.
 
@@ -252,6 +260,7 @@ class StartValues:
     has_free_tail: bool  # false: young is a guess, the joint schedule must find it
     modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
     geometry_sd: np.ndarray  # of log10 E by outline and densities alone, shape (n,)
+    detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`
 
 
 @dataclass(frozen=True)
@@ -336,6 +345,8 @@ class Recovery:
     reasons: tuple[str, ...]  # per part, one sentence
     metrics: dict[str, object]  # what metrics.json holds
     notes: tuple[str, ...] = ()  # what was assumed, one sentence each
+    force_identified: bool = False  # whether the force can be believed
+    force_reason: str = "nobody has judged the force."  # one sentence
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """World coordinates (..., 3) of body points (..., 3)."""

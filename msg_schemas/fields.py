@@ -113,9 +113,20 @@ class Answer:
         return None if frames is None else image(header(self.stamp_ns(frame), self.camera), frames[frame], "rgb8")
 
     def quality(self) -> dict[str, Any]:
-        """DiagnosticArray, one status per part; the assumptions of the recovery are the message."""
+        """DiagnosticArray, one status per part and one of the force; the assumptions of the recovery are the message."""
         r = self.recovery
-        return diagnostics(self.start_ns, [self._part_quality(number) for number in range(1, len(r.identified) + 1)])
+        parts = [self._part_quality(number) for number in range(1, len(r.identified) + 1)]
+        return diagnostics(self.start_ns, [*parts, self._force_quality()])
+
+    def _force_quality(self) -> dict[str, Any]:
+        r = self.recovery
+        values = {
+            "identified": r.force_identified,
+            "reason": r.force_reason,
+            "peak_net_force": float(np.linalg.norm(r.net_force(), axis=1).max()),
+            "density_source": r.metrics.get("density_source", "unknown"),
+        }
+        return status(f"{FIT_NODE}: force", values, level=OK if r.force_identified else WARN, message=" ".join(r.notes))
 
     def _part_quality(self, number: int) -> dict[str, Any]:
         r = self.recovery

@@ -13,7 +13,7 @@ import pytest
 from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
 from diffphys_ros.recover.prepare import Prepared
-from diffphys_ros.types import Clip, ModalProblem, MpmProblem, Recovery
+from diffphys_ros.types import Clip, Doubt, ModalProblem, MpmProblem, Recovery
 from tests.prepared import make_prepared
 
 
@@ -26,6 +26,13 @@ def test_a_recovery_comes_back_as_it_was_saved(tmp_path: Path, made_recovery: Re
     assert (back.grid.dx, back.grid.size, back.grid.clamp_index) == (0.01, (16, 8, 8), 3)
     np.testing.assert_array_equal(back.grid.origin, made_recovery.grid.origin)
     assert back.force.dtype == np.float32
+
+
+def test_what_is_said_of_the_force_comes_back(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    told = dataclasses.replace(made_recovery, force_identified=True, force_reason="it is seen well.")
+    result.save(told, made_clip, config.Settings(), tmp_path)
+    back = result.load(tmp_path)
+    assert (back.force_identified, back.force_reason) == (True, "it is seen well.")
 
 
 def made_modes(recovery: Recovery) -> ModalProblem:
@@ -169,7 +176,7 @@ def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recove
 
 @pytest.fixture
 def made_prepared(made_clip: Clip) -> Prepared:
-    return make_prepared(made_clip)
+    return dataclasses.replace(make_prepared(made_clip), doubts=(Doubt("the camera moves", of_young=True),))
 
 
 def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepared: Prepared) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from ..footprints import gaussian
+from .least import solved
 from .model import ModalModel
 from .observation import Projection
 from .response import Step
@@ -102,7 +103,7 @@ class ForceProblem:
         matrix = np.vstack([np.vstack(design[self.known]) / self.sigma_m, calm])
         target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
         normal = matrix.T @ matrix + 1e-12 * np.eye(design.shape[2])
-        unknown = np.linalg.solve(normal, matrix.T @ target)
+        unknown = solved(normal, matrix.T @ target)
         return unknown, target - matrix @ unknown
 
     def refine(self, physics: Physics, footprint: np.ndarray) -> Physics:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..types import Body, Camera, StartValues, Tracks
 from .force import AXES
+from .least import solved
 from .model import ModalModel
 
 ITERATIONS = 130
@@ -88,7 +89,10 @@ def joint_values(body: Body, tracks: Tracks, period_s: float, start: StartValues
     spread = (np.ptp(logs, axis=0) if len(logs) > 1 else np.full(n, np.log(3.0))) / np.log(10)
     free = int((~forced).sum())
     told = (spread < AGREEMENT) & (free >= LEAST_FREE)
-    reason = f"no free tail; joint fit of stiffness and force with {free} force-free frames, starts agree within {{:.2f}} in log10 E"
+    reason = (
+        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {LEAST_FREE}), "
+        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})."
+    )
     motion = problem.motion(z)
     return replace(
         start,
@@ -116,7 +120,7 @@ def _problem(body: Body, tracks: Tracks, period_s: float, start: StartValues, mo
         moved = moved - rays * np.einsum("mc,tmc->tm", rays, moved)[..., None]
         basis = basis - np.einsum("mc,mr->mcr", rays, np.einsum("mc,mcr->mr", rays, basis))
     moved = np.where(tracks.valid[..., None], moved, 0.0)
-    scale = (moved**2).sum()
+    scale = float((moved**2).sum()) or 1.0  # nothing moves at all: then nothing is told
     gram = np.einsum("tm,mca,mcb->tab", tracks.valid.astype(float), basis, basis, optimize=True) / scale
     second = np.diff(moved, 2, axis=0) / period_s**2
     acceleration = float(np.sqrt(np.median((second**2).sum(-1).mean(1))))
@@ -187,6 +191,6 @@ def _refit(problem: _Problem, z: np.ndarray, forced: np.ndarray) -> tuple[float,
             value, gradient, hessian = problem.misfit(z)
         matrix = (hessian + 2 * penalty)[np.ix_(kept, kept)]
         step = np.zeros_like(z)
-        step[kept] = -np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), (gradient + 2 * penalty @ z)[kept])
+        step[kept] = -solved(matrix + damping * np.diag(np.diag(matrix)), (gradient + 2 * penalty @ z)[kept])
         z = z + step * min(1.0, 0.5 / max(np.abs(step[:n]).max(), 1e-12))
     return best

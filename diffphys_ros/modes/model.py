@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import interpolation
+from .least import solved
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
@@ -83,7 +84,7 @@ class ModalModel:
 
     def gravity_coordinates(self, young: np.ndarray) -> np.ndarray:
         """Basis coordinates (r,) of the static displacement under gravity: frame 0 minus the stress-free shape, to first order."""
-        return np.linalg.solve(self.elastic(young), self.gravity_load)
+        return solved(self.elastic(young), self.gravity_load)
 
     def step(self, young: np.ndarray, mass_damping: float, stiffness_damping: float, period_s: float) -> tuple[Step, np.ndarray]:
         """Exact transition of the eigenmodes over a frame, and their shapes (r, r)."""

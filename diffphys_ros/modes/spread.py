@@ -9,8 +9,9 @@ import numpy as np
 
 from ..types import Body, Tracks
 from .interpolation import quadrature
+from .least import inverted
 from .mesh import narrowest_limb
-from .tail import Physics, Tail, differences, prior_residual
+from .tail import FREQUENCY_SD, Physics, Tail, differences, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
@@ -24,7 +25,7 @@ def log10_young_sd(tail: Tail, physics: Physics, geometry_sd: np.ndarray) -> np.
     vector, parts = physics.vector(), len(physics.young)
     jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector) / tail.sigma_m
     prior = differences(lambda v: prior_residual(v, parts), vector)
-    inverse = np.linalg.inv(jacobian.T @ jacobian + prior.T @ prior)
+    inverse = inverted(jacobian.T @ jacobian + prior.T @ prior)
     excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
     covariance = inverse @ (jacobian.T @ jacobian * excess**2 + prior.T @ prior) @ inverse
     fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
@@ -36,6 +37,12 @@ def geometry_log10_sd(tail: Tail, body: Body, tracks: Tracks, *, density_known: 
     densities of parts of which only the common mass is known."""
     density = 0.0 if density_known or body.parts == 1 else _density(tail, body)
     return np.hypot(outline_sd(body, tracks), density) / np.log(10.0)
+
+
+def detuning_log10_sd(detuning: float) -> float:
+    """Standard deviation of log10 E where a mode's log frequency is off by `detuning`: what made that, beyond the errors that are allowed
+    for, may as well be off in all frequencies alike, where E takes it on with its square."""
+    return 2 * float(np.sqrt(max(detuning**2 - FREQUENCY_SD**2, 0.0))) / np.log(10.0)
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:

@@ -13,9 +13,9 @@ from ..types import Body, Camera, StartValues, Tracks
 from .force import ForceProblem, Solution
 from .model import ModalModel
 from .observation import Motion, Projection, observe
-from .spread import geometry_log10_sd, log10_young_sd
+from .spread import detuning_log10_sd, geometry_log10_sd, log10_young_sd
 from .support import Support, find_support
-from .tail import MODEL_ERROR, Physics, Tail
+from .tail import FREQUENCY_SD, MODEL_ERROR, Physics, Tail
 
 if TYPE_CHECKING:
     from .elements import Elements
@@ -27,6 +27,7 @@ BASES = 3  # most times that the basis is moved to the fit
 SETTLED = 0.1  # change of log E that needs no new basis
 NARROW_MODES = 6  # per further point of the basis
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
+MOST_DETUNING = 5.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
 WIDEST_SD = 0.15  # of log10 E that still counts as identified
 STILL = 4.0  # motion over noise below which nothing can be said
 GUESS_SD = 0.5  # of log10 E of a guess
@@ -186,6 +187,7 @@ class Evidence:
 
     def values(self, physics: Physics, modal: ModalModel, family: str, footprint: np.ndarray) -> StartValues:
         """Force, spread and words for given physics; modal is tuned to them."""
+        detuning = float(np.abs(physics.detune).max(initial=0.0))
         physics = replace(physics, detune=np.zeros_like(physics.detune))
         tail, support, problem = self.tail(modal), self.support, self.force_problem(modal)
         load = problem.footprint_load(family, footprint)
@@ -193,9 +195,9 @@ class Evidence:
         residual = float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean() / 3)) if len(tail.data) else 0.0
         free = support.has_free_tail
         geometry_sd = geometry_log10_sd(tail, self.body, self.tracks, density_known=self.settings.scene.density_kg_m3 is not None)
-        sd = log10_young_sd(tail, physics, geometry_sd) if free else self._sd_of_guess()
+        sd = np.hypot(log10_young_sd(tail, physics, geometry_sd), detuning_log10_sd(detuning)) if free else self._sd_of_guess()
         holds = not (free and explained_badly(residual * np.sqrt(3), self.motion.coherent_m, tail.size_m))
-        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m if free else 0.0, holds=holds)
+        reasons = self._reasons(sd, residual * np.sqrt(3), tail.size_m if free else 0.0, detuning, holds=holds)
         return StartValues(
             young=physics.young,
             log10_young_sd=sd,
@@ -217,6 +219,7 @@ class Evidence:
             has_free_tail=free,
             modes_hold=holds,
             geometry_sd=geometry_sd,
+            detuning=detuning,
         )
 
     def _sd_of_guess(self) -> np.ndarray:
@@ -235,7 +238,7 @@ class Evidence:
         )
         return self.motion.misfit_share(problem.modal, q - q[:1])
 
-    def _reasons(self, sd: np.ndarray, residual: float, size: float, *, holds: bool) -> list[tuple[bool, str]]:
+    def _reasons(self, sd: np.ndarray, residual: float, size: float, detuning: float, *, holds: bool) -> list[tuple[bool, str]]:
         """Per part whether it is not identified, and a sentence."""
         if not self.support.has_free_tail:
             moved = self.motion.size_m >= STILL * self.motion.noise_m
@@ -244,6 +247,12 @@ class Evidence:
             return [(True, f"{why}, so this Young's modulus is {source}; record a longer tail without force.")] * len(sd)
         if not holds:
             text = f"the free motion differs from the fitted modes by {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
+            return [(True, text)] * len(sd)
+        if detuning > MOST_DETUNING * FREQUENCY_SD:
+            text = (
+                f"the modes explain the free motion only if a frequency of theirs is {100 * detuning:.0f} % off, at most {100 * MOST_DETUNING * FREQUENCY_SD:.0f} % "
+                "is allowed; check scene.gravity_m_s2, thickness, mask and parts."
+            )
             return [(True, text)] * len(sd)
         return [
             (True, f"log10 E is known to +-{s:.2f} only: this part hardly strains in the free motion.")

@@ -64,19 +64,11 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     at_rest: frame 0 is an equilibrium, so that the oscillation is about zero; otherwise its centre is free.
     noise_m: standard deviation of one coordinate of one track [m]; a share of it is the floor of the misfit that tells of a force.
     """
-    rows = _Rows.of(coordinates, known, at_rest)
-    start = _tail_start(rows)
+    rows = Rows.of(coordinates, known, at_rest)
+    start = start_of_tail(rows)
     if start is None:
         return Support(np.ones(len(coordinates), bool), False, np.zeros(0), np.zeros(0), 0.0)
-    keep = rows.usable & (np.arange(len(rows.target)) >= start)
-    second = np.diff(coordinates[known], 2, axis=0)  # six times the noise variance; what the recursion has to explain
-    floor = np.hypot(COMMON_SHARE * noise_m * np.sqrt(6.0), CURVED_SHARE * np.sqrt((second**2).mean()))
-    for _ in range(6):
-        matrix = rows.fit(keep)
-        misfit = rows.misfit(matrix)
-        sigma = max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(coordinates.shape[1]))
-        keep = rows.usable & (misfit < FORCED_SIGMA * sigma)
-        keep[start + 4 :] |= rows.usable[start + 4 :] & (misfit[start + 4 :] < LATE_SIGMA * sigma)
+    matrix, misfit, keep, sigma, floor = rows.robust(start, coordinates[known], noise_m)
     glitch = _glitches(rows.usable & ~keep, rows.target - rows.source @ matrix, rows.usable)
     faint = rows.usable & (misfit > FAINT_SIGMA * sigma)
     forced = _frames(_followed(rows.usable & ~keep & ~glitch, faint & ~glitch, rows.usable), len(coordinates))
@@ -89,7 +81,7 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
 
 
 @dataclass(frozen=True)
-class _Rows:
+class Rows:
     """Equation k: target[k] = source[k] @ matrix, for frames k, k + 1, k + 2."""
 
     target: np.ndarray  # (T-2, n)
@@ -97,7 +89,7 @@ class _Rows:
     usable: np.ndarray  # bool, (T-2,)
 
     @classmethod
-    def of(cls, q: np.ndarray, known: np.ndarray, at_rest: bool) -> _Rows:
+    def of(cls, q: np.ndarray, known: np.ndarray, at_rest: bool) -> Rows:
         source = np.column_stack([q[1:-1], q[:-2]] + ([] if at_rest else [np.full(len(q) - 2, np.abs(q).max())]))
         return cls(q[2:], source, known[2:] & known[1:-1] & known[:-2])
 
@@ -106,6 +98,20 @@ class _Rows:
         ridge = 1e-5 * np.abs(self.source).max() * np.eye(self.source.shape[1])
         zero = np.zeros((len(ridge), self.target.shape[1]))
         return np.linalg.lstsq(np.vstack([self.source[keep], ridge]), np.vstack([self.target[keep], zero]), rcond=None)[0]
+
+    def robust(self, start: int, moved: np.ndarray, noise_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
+        """Matrix of the equations from `start` on without those of a force, the misfits (T-2,) of all under it, which were kept, their usual
+        misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n)."""
+        second = np.diff(moved, 2, axis=0)  # six times the noise variance; what the recursion has to explain
+        floor = float(np.hypot(COMMON_SHARE * noise_m * np.sqrt(6.0), CURVED_SHARE * np.sqrt((second**2).mean())))
+        keep = self.usable & (np.arange(len(self.target)) >= start)
+        for _ in range(6):
+            matrix = self.fit(keep)
+            misfit = self.misfit(matrix)
+            sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
+            keep = self.usable & (misfit < FORCED_SIGMA * sigma)
+            keep[start + 4 :] |= self.usable[start + 4 :] & (misfit[start + 4 :] < LATE_SIGMA * sigma)
+        return matrix, misfit, keep, sigma, floor
 
     def leading_sd(self, keep: np.ndarray, matrix: np.ndarray, tail: np.ndarray, floor: float) -> np.ndarray:
         """Standard deviations (2,) of `_leading(matrix, tail)` for a matrix fitted to the equations `keep`, by their residual per degree of
@@ -126,7 +132,7 @@ class _Rows:
         return np.linalg.norm(self.target - self.source @ matrix, axis=1)
 
 
-def _tail_start(rows: _Rows) -> int | None:
+def start_of_tail(rows: Rows) -> int | None:
     """First equation of the longest tail whose misfit stays near that of the last frames; None if the clip is too short."""
     unknowns = rows.source.shape[1]
     least = int(np.ceil(LEAST_EQUATIONS * unknowns))

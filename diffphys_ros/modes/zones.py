@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from ..config import Settings
 from ..types import Body, Camera, StartValues, Tracks
 from .division import Division
+from .least import inverted
 from .model import ModalModel
 from .observation import observe
 from .spread import DENSITY_CONTRAST, outline_sd
@@ -181,12 +182,12 @@ class _ZoneFit:
 
         def covariance(inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
             prior = differences(lambda v: self.prior(v, inside), vector)
-            return np.linalg.inv(data + prior.T @ prior)[:count, :count]
+            return inverted(data + prior.T @ prior)[:count, :count]
 
         likely = covariance(partial(_loosened, border=-1))
         unseen = [covariance(partial(_loosened, border=k)) for k in range(len(self.division.neighbours))]
         gradual = covariance(lambda difference: difference / GRADUAL)
-        return np.max([np.diag(c) for c in (likely, gradual, *unseen)], axis=0), np.linalg.inv(likely)
+        return np.max([np.diag(c) for c in (likely, gradual, *unseen)], axis=0), inverted(likely)
 
 
 def _loosened(difference: np.ndarray, border: int) -> np.ndarray:

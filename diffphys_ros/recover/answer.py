@@ -169,8 +169,10 @@ def assemble(
         initial_velocity=body.rotate_to_world(core.velocity0[own]),
         identified=confidence.identified,
         reasons=confidence.reasons,
-        metrics=metrics | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
-        notes=notes(prepared),
+        metrics=metrics | _force_metrics(confidence) | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
+        notes=notes(prepared, confidence),
+        force_identified=confidence.force_identified,
+        force_reason=confidence.force_reason,
     )
 
 
@@ -204,8 +206,14 @@ def shown_frames(clip: Clip) -> np.ndarray:
     return np.flatnonzero(clip.seen & foreground(clip.labels).any((1, 2)))
 
 
-def notes(prepared: Prepared) -> tuple[str, ...]:
-    """What was assumed, one sentence each."""
+def _force_metrics(confidence: Confidence) -> dict[str, object]:
+    return {"force_identified": confidence.force_identified, "force_reason": confidence.force_reason}
+
+
+def notes(prepared: Prepared, confidence: Confidence) -> tuple[str, ...]:
+    """What was assumed and what is not known, one sentence each."""
+    unknown = [f"part {number} is not identified: {why}" for number, (known, why) in enumerate(zip(confidence.identified, confidence.reasons, strict=True), 1) if not known]
+    unknown += [] if confidence.force_identified else [f"the force is not identified: {confidence.force_reason}"]
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
     of_prior = prepared.prior.notes if prepared.prior else ()
-    return (*prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)
+    return (*unknown, *prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)

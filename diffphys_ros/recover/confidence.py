@@ -1,13 +1,14 @@
-"""How surely the stiffness of the answer is known, part by part, and why."""
+"""How surely the stiffness of the answer is known, part by part, and its force; and why."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..fields import Layout
-from ..modes.start import WIDEST_SD, explained_badly
+from ..modes.least import inverted
+from ..modes.start import GUESS_SD, WIDEST_SD, explained_badly
 from ..modes.support import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
 from .prepare import Prepared
 
@@ -16,20 +17,52 @@ GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone wo
 
 @dataclass(frozen=True)
 class Confidence:
-    """Of Young's modulus of n parts."""
+    """Of Young's modulus of n parts, and of the force."""
 
     log10_young_sd: np.ndarray  # (n,)
     identified: np.ndarray  # bool, (n,)
     reasons: tuple[str, ...]  # one sentence per part
+    force_identified: bool = False
+    force_reason: str = ""  # one sentence
 
 
 @dataclass(frozen=True)
 class Explained:
-    """How well the simulated answer follows the tracks, and how much the unknowns matter to it."""
+    """How well the answer follows the tracks, and how much the unknowns matter to it."""
 
     rms_m: float  # misfit of one track coordinate [m]
     size_m: float  # rms of the tracked displacements [m]
-    hessian: np.ndarray  # of the loss, whose misfit is half the mean squared misfit over size_m^2; (size, size)
+    hessian: np.ndarray  # of the simulation's loss, whose misfit is half the mean squared misfit over size_m^2; (size, size)
+
+
+def of_answer(prepared: Prepared, layout: Layout, explained: Explained, *, simulated: bool) -> Confidence:
+    """Of the answer, the simulated one or the start values' linear motion."""
+    of_young = _doubted(of_simulation(prepared, layout, explained) if simulated else of_start(prepared), prepared)
+    known, reason = of_force(prepared, of_young, explained)
+    return replace(of_young, force_identified=known, force_reason=reason)
+
+
+def _doubted(confidence: Confidence, prepared: Prepared) -> Confidence:
+    """The same without a stiffness where the recording itself is doubted."""
+    doubt = next((doubt for doubt in prepared.doubts if doubt.of_young), None)
+    if doubt is None:
+        return confidence
+    n = len(confidence.identified)
+    return replace(confidence, log10_young_sd=np.maximum(confidence.log10_young_sd, GUESS_SD), identified=np.zeros(n, bool), reasons=(f"{doubt.text}.",) * n)
+
+
+def of_force(prepared: Prepared, of_young: Confidence, explained: Explained) -> tuple[bool, str]:
+    """Whether the force of an answer is known, and a sentence. It is what moves a body of known stiffness as it was seen to move: it needs a
+    sound recording, a stiffness, and an answer that leaves of the motion little more than noise."""
+    missed, size, noise = (1e3 * value for value in (np.sqrt(3) * explained.rms_m, explained.size_m, prepared.tracks.noise_m))
+    if prepared.doubts:
+        return False, f"{prepared.doubts[0].text}."
+    if not of_young.identified.any():
+        return False, f"the force follows from a stiffness that is not identified: {of_young.reasons[0]}"
+    found = f"the answer misses {missed:.2f} mm of a motion of {size:.2f} mm, where the tracks' noise is {noise:.2f} mm"
+    if explained_badly(missed, noise, size):
+        return False, f"{found}: what moved the object so is not in the force; check mask, thickness and parts."
+    return True, f"{found}."
 
 
 def of_start(prepared: Prepared) -> Confidence:
@@ -70,5 +103,5 @@ def _fit_sd(prepared: Prepared, layout: Layout, explained: Explained) -> np.ndar
     clip = prepared.clip
     quarter = 0.25 / (max(float(prepared.start.frequencies_hz[0]), 1e-3) * clip.period_s)
     independent = max(len(clip) / max(quarter, 1.0), 1.0)
-    variance = np.diag(np.linalg.inv(explained.hessian))[: layout.parts] * 3 * (explained.rms_m / explained.size_m) ** 2 / independent
+    variance = np.diag(inverted(explained.hessian))[: layout.parts] * 3 * (explained.rms_m / explained.size_m) ** 2 / independent
     return np.sqrt(variance) / np.log(10)

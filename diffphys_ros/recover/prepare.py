@@ -13,7 +13,7 @@ from ..errors import InputError, shown
 from ..losses import foreground
 from ..modes.model import ModalModel
 from ..modes.zones import Zoned
-from ..types import Body, Clip, MaterialPrior, StartValues, Tracks
+from ..types import Body, Clip, Doubt, MaterialPrior, StartValues, Tracks
 from .belief import believed, of_parts, parted
 from .law import law_to_fit
 from .progress import Progress, waiting
@@ -34,6 +34,7 @@ class Prepared:
     modal: ModalModel
     prior: MaterialPrior | None = None  # of the material
     zones: Zoned | None = None  # where the material is wanted as a field
+    doubts: tuple[Doubt, ...] = ()  # about the recording
 
     def check(self) -> None:
         """Holds arrays of unknown origin to the shapes and bounds that the solver counts on. Raises shapes.MisshapenError."""
@@ -84,6 +85,7 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     from ..particles import build_body
     from ..prior import believing
     from ..tracks import follow
+    from .doubts import doubts_of
     from .zones import zones_of
 
     check_clip(clip)
@@ -113,8 +115,11 @@ def prepare(clip: Clip, settings: Settings) -> Generator[Progress, None, Prepare
     if settings.fit.schedule == "joint" or (settings.fit.schedule == "auto" and not start.has_free_tail):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
-    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior)
+    doubts = doubts_of(clip, tracks, body, start, settings)
+    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
     yield Progress("modes", text=describe_start(start), artefact=start)
+    for doubt in doubts:
+        yield Progress("modes", text=doubt.text)
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
 
 

@@ -17,7 +17,7 @@ from ..types import Body, Recovery, Splats, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .checkpoint import Checkpoint, Stored
 from .clock import Clock, OutOfTimeError
-from .confidence import Confidence, Explained, of_simulation, of_start
+from .confidence import Confidence, Explained, of_answer
 from .curvature import track_hessian
 from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise, reach_of
@@ -308,10 +308,8 @@ def _why_not(problem: Problem, state: Iterate, clock: Clock) -> str:
 
 
 def _confidence(problem: Problem, answer: Candidate) -> Confidence:
-    if not answer.core.refined:
-        return of_start(problem.prepared)
     explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.hessian)
-    return of_simulation(problem.prepared, problem.layout, explained)
+    return of_answer(problem.prepared, problem.layout, explained, simulated=answer.core.refined)
 
 
 def _verdict(recovery: Recovery) -> str:

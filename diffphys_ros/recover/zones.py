@@ -67,7 +67,7 @@ def in_parts(recovery: Recovery, zones: Zoned | None) -> Recovery:
         return recovery
     zone = recovery.part - 1
     part = zones.part[zone]
-    told = recovery.log10_young_sd <= WIDEST_SD
+    told = recovery.identified[zone] & (recovery.log10_young_sd <= WIDEST_SD)
     numbers = range(1, int(zones.part.max()) + 1)
     share = np.array([np.average(told[part == n], weights=recovery.volume[part == n]) if (part == n).any() else 0.0 for n in numbers])
     reasons = tuple(_reason(recovery, part == n, s) for n, s in zip(numbers, share, strict=True))

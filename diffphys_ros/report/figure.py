@@ -60,7 +60,7 @@ def _headline(recovery: Recovery) -> str:
         if isinstance(recovery.metrics.get(key), float)
     ]
     peak = np.linalg.norm(recovery.net_force(), axis=1).max()
-    return "   |   ".join([_parts_in_words(recovery), f"peak net force {peak:.3g} N", *quality])
+    return "   |   ".join([_parts_in_words(recovery), f"peak net force {peak:.3g} N" if recovery.force_identified else "force not identified", *quality])
 
 
 def _parts_in_words(recovery: Recovery) -> str:
@@ -154,7 +154,7 @@ def _draw_force(axes: Axes, recovery: Recovery, period_s: float, truth: Truth | 
             axes.stairs(true, np.arange(len(true) + 1) * period_s, color=colour, linewidth=1.1, linestyle=(0, (3, 2)), baseline=None)
     if truth is not None:
         axes.plot([], [], color=NET, linewidth=1.1, linestyle=(0, (3, 2)), label="truth")
-    axes.set_title("net force on the object, world frame", **_STYLE)
+    axes.set_title("net force on the object, world frame" + ("" if recovery.force_identified else " (not identified)"), **_STYLE)
     axes.set_xlabel("time [s]", **_STYLE)
     axes.set_ylabel("force [N]", **_STYLE)
     axes.set_xlim(0, edges[-1])

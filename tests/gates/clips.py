@@ -1,19 +1,26 @@
-"""A bundled clip made harder: what a recording shows in other light."""
+"""A bundled clip made harder: what a recording shows in other light, from another camera, by another clock."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from diffphys_ros import config
 from diffphys_ros.bags.maker.messages import clip_messages
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.write import write_recording
+from diffphys_ros.types import Clip
 
 FADES = (3, 10)  # frames between which the light on the object goes
 LEFT = 0.6  # of it
+PAN_PX = 0.3  # a frame
+CUT, STUCK = slice(14, 22), slice(12, 18)  # frames that are missing under continuous stamps, and that show the one before
+
+Shown = tuple[np.ndarray, np.ndarray]  # frames (T, H, W, 3) and depth (T, H, W) [m]
 
 
 def in_fading_light(source: Path, folder: Path) -> Path:
@@ -23,8 +30,44 @@ def in_fading_light(source: Path, folder: Path) -> Path:
         mask = np.unpackbits(truth["mask"])[: truth["mask_shape"].prod()].reshape(truth["mask_shape"]).astype(bool)
     light = np.interp(np.arange(len(clip)), FADES, (1.0, LEFT))[:, None, None, None]
     shown = np.where(mask[..., None], (clip.frames * light).astype(np.uint8), clip.frames)
+    return _written(source, folder, clip, shown, clip.depth)
+
+
+def panned(clip: Clip) -> Shown:
+    """Filmed by a camera that turns."""
     assert clip.depth is not None
-    write_recording(folder / "clip.mcap", clip_messages(clip.camera, shown, clip.depth))
+
+    def moved(image: np.ndarray, k: int, how: int) -> np.ndarray:
+        to = np.array([[1, 0, PAN_PX * k], [0, 1, 0.0]])
+        return np.asarray(cv2.warpAffine(image, to, image.shape[1::-1], flags=how, borderMode=cv2.BORDER_REPLICATE))
+
+    frames, depths = (np.stack([moved(image, k, how) for k, image in enumerate(some)]) for some, how in ((clip.frames, cv2.INTER_CUBIC), (clip.depth, cv2.INTER_NEAREST)))
+    return frames, depths
+
+
+def cut(clip: Clip) -> Shown:
+    """With frames missing."""
+    assert clip.depth is not None
+    return np.delete(clip.frames, CUT, 0), np.delete(clip.depth, CUT, 0)
+
+
+def stuck(clip: Clip) -> Shown:
+    """By a camera that hangs for a while."""
+    assert clip.depth is not None
+    frames = clip.frames.copy()
+    frames[STUCK] = frames[STUCK.start - 1]
+    return frames, clip.depth
+
+
+def changed(source: Path, folder: Path, change: Callable[[Clip], Shown]) -> Path:
+    """The clip of a bundled folder as `change` makes it; given.yaml and mask beside it."""
+    clip = read_clip(source / "clip.mcap", config.Settings())
+    return _written(source, folder, clip, *change(clip))
+
+
+def _written(source: Path, folder: Path, clip: Clip, frames: np.ndarray, depth: np.ndarray | None) -> Path:
+    assert depth is not None
+    write_recording(folder / "clip.mcap", clip_messages(clip.camera, frames, depth))
     for name in ("given.yaml", "mask0.png", "truth.npz"):
         shutil.copy(source / name, folder / name)
     return folder

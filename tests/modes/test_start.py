@@ -163,3 +163,25 @@ def test_a_simulated_two_part_beam_is_recovered(scenes):
     found = start_values(beam, seen, 1 / 30, settings(at_rest=True, density_kg_m3=[700.0]))[0]
     assert np.abs(np.log10(found.young / truth["part_E"])).max() < 0.03
     assert cosine(beam.rotate_to_world(found.force), truth["force"].sum(1)) > 0.98
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -100.0), (100.0, 0.0, 0.0), (-60.0, 0.0, 0.0)])
+def test_a_gravity_that_is_not_there_leaves_no_stiffness(body, seen, gravity):
+    """The frequencies are met at another stiffness, but not all of them at once."""
+    found = start_values(replace(body, gravity=np.array(gravity)), seen, PERIOD_S, settings(at_rest=True))[0]
+    assert not found.identified.any()
+    assert np.abs(log10_error(found)).max() > 0.03
+    assert "gravity" in found.reasons[0] or "check mask" in found.reasons[0]
+
+
+def test_a_gravity_that_hardly_matters_leaves_the_stiffness_and_a_spread_that_covers_the_error(body, seen):
+    found = start_values(replace(body, gravity=np.array([0.0, 0.0, -9.81])), seen, PERIOD_S, settings(at_rest=True))[0]
+    assert found.identified.all()
+    assert (np.abs(log10_error(found)) < 3 * found.log10_young_sd).all()
+
+
+def test_the_spread_grows_with_what_a_frequency_is_off_by_beyond_what_is_allowed_for(body, seen, start):
+    thicker = replace(body, half_thickness=1.12 * body.half_thickness)
+    found = start_values(thicker, seen, PERIOD_S, settings(at_rest=True))[0]
+    assert found.detuning > 2 * start.detuning
+    assert (found.log10_young_sd > 1.2 * start.log10_young_sd).all()

@@ -136,12 +136,23 @@ def test_no_markers_means_only_the_deletion(made_recovery, made_clip):
 
 def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery, made_clip):
     statuses = answer(replace(made_recovery, identified=np.array([True, False])), made_clip).quality()["status"]
+    *statuses, force = statuses
     assert len(statuses) == 2
+    assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source"]
     keys = ["identified", "reason", "young_modulus", "log10_young_sd", "density_source", "metric_scale_source"]
     assert [list(messages.values_of(s)) for s in statuses] == [keys, keys]
     assert [s["level"] for s in statuses] == [messages.OK, messages.WARN]
     assert messages.values_of(statuses[1])["young_modulus"] == "nan"
     assert "density assumed" in statuses[0]["message"]
+
+
+@pytest.mark.parametrize(("known", "level"), [(True, messages.OK), (False, messages.WARN)])
+def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_clip, known, level):
+    force = answer(replace(made_recovery, force_identified=known, force_reason="the camera moves."), made_clip).quality()["status"][-1]
+    assert (force["name"], force["level"]) == ("fit_node: force", level)
+    values = messages.values_of(force)
+    assert (values["identified"], values["reason"]) == (str(known).lower(), "the camera moves.")
+    assert float(values["peak_net_force"]) == pytest.approx(np.linalg.norm(made_recovery.net_force(), axis=1).max(), rel=1e-5)
 
 
 def test_progress_has_the_documented_keys():

@@ -11,6 +11,7 @@ from diffphys_ros.modes import start_values
 from diffphys_ros.modes.joint import joint_values
 from diffphys_ros.recover.answer import notes
 from diffphys_ros.recover.belief import believed, of_parts, on_points, parted
+from diffphys_ros.recover.confidence import of_start
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks
@@ -129,7 +130,7 @@ def test_the_prior_goes_to_disk_and_back_with_the_prepared_clip_and_its_notes_in
     assert back.prior is not None
     np.testing.assert_array_equal(back.prior.index, make_prior(80).index)
     assert back.prior.name == ("wood", "foam")
-    assert "prior: said so" in notes(back)
+    assert "prior: said so" in notes(back, of_start(back))
 
 
 def test_a_clip_in_which_a_force_acts_to_the_end_has_start_values_all_the_same(prepared) -> None:

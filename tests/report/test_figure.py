@@ -56,6 +56,11 @@ def test_a_recovery_without_renders_still_has_a_figure(tmp_path: Path, made_reco
     assert len(imread(figure.summary(tmp_path / "b.png", bare, made_clip))) < len(full)
 
 
+def test_a_force_that_is_not_known_is_no_headline(made_recovery: Recovery) -> None:
+    assert "force not identified" in figure._headline(made_recovery)
+    assert "peak net force" in figure._headline(dataclasses.replace(made_recovery, force_identified=True))
+
+
 def test_shown_frames_are_those_that_moved_most(made_recovery: Recovery) -> None:
     shown = figure.shown_frames(made_recovery, 4)
     motion = np.abs(made_recovery.trajectory - made_recovery.trajectory[0]).max((1, 2))

@@ -1,0 +1,62 @@
+"""Recordings that are not what they are taken for are doubted, and the bundled ones are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros import result
+from diffphys_ros.__main__ import main
+from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.recover import Prepared
+
+from . import clips
+
+
+@pytest.fixture
+def prepared(tmp_path: Path) -> Callable[..., Prepared]:
+    """The bar's clip, changed, as the start of a fit."""
+
+    def prepare(change: Callable, *flags: str) -> Prepared:
+        folder, out = clips.changed(sample_folder("bar"), tmp_path, change), tmp_path / "clip.npz"
+        assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out), *flags]) == 0
+        return result.load_prepared(out)
+
+    return prepare
+
+
+@pytest.mark.parametrize("kind", ["bar", "strip", "flat"])
+def test_a_sound_clip_is_not_doubted(kind: str, ingested: Callable[[str], Path]) -> None:
+    found = result.load_prepared(ingested(kind))
+    assert found.doubts == ()
+    assert found.start.identified.all()
+
+
+def test_a_camera_that_turns_by_a_third_of_a_pixel_a_frame_is_noticed(prepared: Callable[..., Prepared]) -> None:
+    (doubt,) = prepared(clips.panned).doubts
+    assert doubt.of_young
+    assert "the camera moves" in doubt.text
+
+
+def test_frames_cut_out_under_continuous_stamps_are_noticed_though_the_stiffness_is_right(prepared: Callable[..., Prepared]) -> None:
+    found = prepared(clips.cut)
+    (doubt,) = found.doubts
+    assert f"between frames {clips.CUT.start - 1} and {clips.CUT.start}" in doubt.text
+    assert not doubt.of_young
+    assert found.start.identified.all()
+
+
+def test_a_camera_that_hangs_loses_those_frames_and_nothing_else(prepared: Callable[..., Prepared]) -> None:
+    found = prepared(clips.stuck)
+    assert np.flatnonzero(~found.clip.seen).tolist() == list(range(clips.STUCK.start, clips.STUCK.stop))
+    assert found.doubts == ()
+    assert any("once more" in note for note in found.clip.notes)
+
+
+def test_a_gravity_that_is_not_there_leaves_no_stiffness(prepared: Callable[..., Prepared]) -> None:
+    found = prepared(lambda clip: (clip.frames, clip.depth), "--scene.gravity_m_s2", "[0, 0, -100]")
+    assert not found.start.identified.any()
+    assert "scene.gravity_m_s2" in found.start.reasons[0]
