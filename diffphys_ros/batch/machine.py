@@ -11,8 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 NEED_MB = 2700  # of memory for a recovery: measured 2,620 with 60 frames of 480 x 360 and four cells, 870 with 36 of 160 x 120 and three
-GPU_NEED_MB = 4000  # of a GPU's memory: an allowance for CUDA's context, Warp's modules and the tape of a fit, not measured
-PER_GPU = 4  # at most, not measured either: a fit keeps one core busy with launches, and more of them queue for the same multiprocessors
+GPU_NEED_MB = 4000  # of a GPU's memory: fifteen recoveries at once took 48,625 on an H100
+PER_GPU = 15  # at most: a clip takes 57 s alone on an H100, one is done every 28 s with fifteen at once (docs/batch.md)
 COMPUTING = ("numpy", "torch", "warp-lang")
 
 
