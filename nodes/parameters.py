@@ -113,8 +113,8 @@ def _need(item: Own, value: Any) -> str:
         return "text without control characters; put it between quotes"
     if isinstance(item.default, bool) and not isinstance(value, bool):
         return "true or false"
-    if not isinstance(item.default, (bool, str, list)) and not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
-        return "a number above 0"
+    if not isinstance(item.default, (bool, str, list)) and not (isinstance(value, (int, float)) and math.isfinite(value)):
+        return "a number"
     return ""
 
 

@@ -65,6 +65,7 @@ def make_clip() -> Clip:
         left = 20 + round(3 * _swing(k))
         frames[k, 18:30, left : left + 12], labels[k, 18:30, left : left + 12] = (60, 90, 200), 1
         frames[k, 18:30, left + 12 : left + 24], labels[k, 18:30, left + 12 : left + 24] = (220, 180, 60), 2
+    frames[:, 0, 0, 0] = np.arange(FRAMES)  # no two pictures of a real camera are equal
     return Clip(frames, 1_700_000_000_000_000_000, PERIOD_S, camera, labels=labels, source="made up")
 
 

@@ -52,9 +52,8 @@ def test_bad_parameters_end_the_node_with_a_sentence(make_node, name, value, wor
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("max_frames", -1, "must be a number above 0"),
-        ("max_frames", ".nan", "must be a number above 0"),
-        ("silence_s", "soon", "must be a number above 0"),
+        ("max_frames", ".nan", "must be a number"),
+        ("silence_s", "soon", "must be a number"),
         ("bag", "3", "bag is 3, must be text"),
         ("bag", "x" * 5000, "there is no such file or folder"),
         ("reliability", "perfect", "must be one of"),

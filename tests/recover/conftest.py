@@ -84,7 +84,7 @@ def make_prepared(gravity=(0.0, 0.0, 0.0), has_depth=True) -> Prepared:
     modal = modal_model(Elements.of(body), [YOUNG, YOUNG * [1, 2], YOUNG * [1, 0.5]], [6, 6, 6])
     start = make_start(body, modal)
     camera = make_camera()
-    clip = Clip(np.zeros((FRAMES, 120, 160, 3), np.uint8), 0, PERIOD_S, camera, source="synthetic")
+    clip = Clip(np.zeros((FRAMES, 120, 160, 3), np.uint8), 0, PERIOD_S, camera, labels=np.ones((FRAMES, 120, 160), np.uint8), source="synthetic")
     tracks = make_tracks(body, modal, start, has_depth)
     return Prepared(clip, np.zeros((120, 160), np.float32), "none", tracks, body, start, modal)
 
