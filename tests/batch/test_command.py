@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,8 @@ LONG_WORDS = tuple("400" if before == "--fit.iterations" else word for before, w
 def test_a_batch_that_is_ended_leaves_no_process_and_its_folder_free(clips: Path, tmp_path: Path, number: int) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "diffphys_ros", "batch", str(clips), "--out", str(out), "--workers", "1", *LONG_WORDS]
-    batch = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell starts its background jobs, these tests among them, deaf to it
+    batch = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
     folder = wait_for(lambda: next(iter(out.glob("half-*")), None))
     wait_for(lambda: (folder / "log.txt").exists() and (folder / "log.txt").stat().st_size)
     child = child_of(folder)
