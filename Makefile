@@ -4,20 +4,22 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph test check mutants fuzz lint bench accuracy tables clean
+.PHONY: help setup demo demo-starts graph test faults check mutants fuzz lint bench accuracy animation tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
-	@echo "make test         all tests (ten minutes on two cores)"
+	@echo "make test         all tests but those of make faults (twelve minutes; JOBS=2 on two cores: seven and a half)"
+	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"
 	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
 	@echo "make fuzz         hostile input for every door (under an hour on two cores); ONLY=\"settings bags\" for some, CASES=n each, SEED=n, JOBS=n at a time"
 	@echo "make lint         ruff, mypy"
 	@echo "make bench        speed of the simulator and the renderer"
 	@echo "make accuracy     the simulator against beam theory and finite elements"
-	@echo "make tables       rewrite the tables in README.md from the code"
+	@echo "make animation    recover both bundled clips and draw the moving pictures of the documents (six minutes on two cores)"
+	@echo "make tables       rewrite the tables of the documents from the code and the stored rows"
 	@echo "make clean        remove results, builds and .venv"
 
 setup:
@@ -33,7 +35,10 @@ graph: setup
 	@$(PY) scripts/graph.py
 
 test: setup
-	OMP_NUM_THREADS=1 $(PY) -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
+
+faults: setup
+	OMP_NUM_THREADS=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 check: lint
 	OMP_NUM_THREADS=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
@@ -46,7 +51,7 @@ fuzz: setup
 
 lint: setup
 	$(PY) -m ruff check .
-	$(PY) -m mypy diffphys_ros
+	$(PY) -m mypy diffphys_ros tools
 
 bench: setup
 	$(PY) benchmarks/substep.py
@@ -55,8 +60,16 @@ bench: setup
 accuracy: setup
 	OMP_NUM_THREADS=1 PYTHONPATH=. $(PY) benchmarks/accuracy.py --figures docs/figures
 
+animation: setup
+	$(VENV)/bin/diffphys recover bags/sample_strip/clip.mcap --config bags/sample_strip/given.yaml --out out/animation/strip
+	$(VENV)/bin/diffphys recover bags/sample/clip.mcap --config bags/sample/given.yaml --out out/animation/parts
+	$(PY) scripts/animation.py out/animation/strip bags/sample_strip/clip.mcap --out docs/figures/animation.gif
+	$(PY) scripts/animation.py out/animation/parts bags/sample/clip.mcap --out docs/figures/animation_parts.gif
+
 tables: setup
 	$(PY) scripts/readme_tables.py
+	$(PY) benchmarks/notes.py
+	$(PY) benchmarks/clips.py --tables
 
 clean:
 	rm -rf $(VENV) out build install log dist *.egg-info .pytest_cache .ruff_cache .mypy_cache

@@ -1,1 +1,1 @@
-"""Recordings: reading and writing bags, the bundled sample and its maker."""
+"""Recordings: reading and writing bags, and the bundled samples."""

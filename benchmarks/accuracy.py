@@ -73,7 +73,7 @@ def kind_rows(title: str, name: str, table: dict[str, dict[str, float]]) -> list
 def main() -> None:
     """Measure on one core of this machine."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--figures", type=Path, help="folder for the plots of docs/accuracy.md")
+    parser.add_argument("--figures", type=Path, help="folder for the plots of docs/measurements/accuracy.md")
     figures = parser.parse_args().figures
     torch.set_num_threads(1)
     frequency, deflection = frequencies(), deflections()

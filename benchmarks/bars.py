@@ -10,11 +10,11 @@ import torch
 from scipy.linalg import eigh
 from skfem import MeshTet
 
+from diffphys_ros.elements.assemble import Elements, modal_model
+from diffphys_ros.elements.mesh import SolidMesh
+from diffphys_ros.inverse.apparent_stiffness import elastic_modes, swing_ratios
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.modes.elements import Elements, modal_model
-from diffphys_ros.modes.mesh import SolidMesh
 from diffphys_ros.particles import dense_points, downsample, fill, fit_grid
-from diffphys_ros.recover.calibrate import elastic_modes, swing_ratios
 from diffphys_ros.simulate import Simulator, substeps_per_frame
 from diffphys_ros.types import Body, Grid, Particles
 

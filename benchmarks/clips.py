@@ -100,7 +100,7 @@ def filled(text: str, results: Path = RESULTS) -> str:
 
 def documents() -> list[Path]:
     """Where tables may stand."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def this_commit(*, dirty: bool, root: Path = ROOT) -> str:

@@ -26,17 +26,18 @@ from true_scene import TrueScene
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.body import build_body
 from diffphys_ros.depth import surface_depth
 from diffphys_ros.errors import InputError
-from diffphys_ros.losses import foreground, psnr_masked
-from diffphys_ros.particles import build_body, fill
-from diffphys_ros.recover.images import static_background
+from diffphys_ros.inverse.evidence.pixels import static_background
+from diffphys_ros.metrics.image import psnr_masked
+from diffphys_ros.particles import fill
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.segment import label_clip
 from diffphys_ros.segment.label import first_labels
 from diffphys_ros.splats import fit_splats
 from diffphys_ros.tracks import follow
-from diffphys_ros.types import Clip
+from diffphys_ros.types import Clip, object_mask
 
 CELLS, PER_CELL = 4, 2.0  # over the thickness, and particles per cell and axis
 WIDTH = 9  # of a column, at the least
@@ -154,7 +155,7 @@ def splats(case: Case) -> dict[str, float]:
     values = (found.mean, found.rotation, found.scale, found.opacity, found.color, static_background(clip).astype(np.float32) / 255)
     with torch.no_grad():
         image = Rasterizer(clip.camera, case.device).render(*(torch.as_tensor(a, device=case.device) for a in values))[0]
-    return {"gaussians": len(found.mean), "frame0_db": psnr_masked(image, torch.as_tensor(clip.frames[0]), foreground(clip.labels[0]))}
+    return {"gaussians": len(found.mean), "frame0_db": psnr_masked(image, torch.as_tensor(clip.frames[0]), object_mask(clip.labels[0]))}
 
 
 STAGES: dict[str, Callable[[Case], dict[str, float]]] = {
@@ -171,7 +172,7 @@ NEEDED = ("masks", "depth")  # by all others
 
 def _iou(case: Case, labels: object) -> np.ndarray:
     """Intersection over union with the truth, of every frame received (T,)."""
-    found, true = foreground(np.asarray(labels))[case.clip.seen], case.truth.mask[case.clip.seen]
+    found, true = object_mask(np.asarray(labels))[case.clip.seen], case.truth.mask[case.clip.seen]
     return (found & true).sum((1, 2)) / np.maximum((found | true).sum((1, 2)), 1)
 
 

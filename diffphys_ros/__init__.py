@@ -1,3 +1,3 @@
 """Stiffness and forces of a deforming object, recovered from one video. The library; ROS lives in diffphys_ros.nodes."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -17,6 +17,7 @@ from . import __version__, config
 from .errors import InputError, SimulationError, short, shown
 
 FAILED, USAGE_ERROR, FAULT, INTERRUPTED = 1, 2, 70, 130
+SELF_TESTS = {"guess_scale": ("the first guess of Young's modulus", "a recording"), "start_scale": ("the start values of Young's modulus", "a prepared .npz")}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,7 +65,9 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         _common(command, run, out)
         if name == "recover":
             command.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-            command.add_argument("--side_by_side", type=int, default=1, metavar="N", help="runs that share this machine: each has N times the time")
+            command.add_argument("--side_by_side", metavar="N", help="runs that share this machine: each has N times the time")
+            for flag, (text, clip) in SELF_TESTS.items():
+                command.add_argument(f"--{flag}", metavar="FACTOR", help=f"self-test: factor on {text} of {clip}, which the answer must forget")
 
     _batch_command(commands)
 
@@ -98,6 +101,8 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
         raise InputError(f"command line: {short((rest or settings)[0])} is unknown here; see `diffphys {options.command} --help`")
     options.words = settings + rest
     options.flags = _flags(options.words)
+    if options.flags:
+        config.require_read(options.flags, f"diffphys {options.command}", "command line")
     return options
 
 
@@ -163,6 +168,8 @@ def _flags(words: list[str]) -> dict[str, Any]:
         if not word.startswith("--"):
             raise InputError(f"command line: {short(word)} is not a flag; settings look like `--scene.mass_kg 0.8`")
         name, given, text = word[2:].partition("=")
+        if name not in known and config.moved(name):
+            raise InputError(f"command line: --{name} {config.moved(name)}")
         if name not in known:
             raise InputError(f"command line: --{shown(name[:80])} is no flag{_nearest(name)}")
         if name in values:
@@ -183,19 +190,21 @@ def _nearest(name: str) -> str:
 
 def _recover(options: argparse.Namespace) -> int:
     from . import result
-    from .recover import Checkpoint, clock_of, run, solve_prepared
+    from .batch import positive
+    from .inverse import Checkpoint, clock_of, run, solve_prepared
 
     is_prepared = str(options.clip).endswith(".npz")
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
+    begun = _begun(options, is_prepared=is_prepared)
     settings = config.layered(options.config, options.flags, base=base)
-    clock = clock_of(settings, side_by_side=options.side_by_side)
+    clock = clock_of(settings, side_by_side=positive("side_by_side", options.side_by_side, int) or 1)
     with result.owned(options.out) as out:
         checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
         if is_prepared:
             prepared = result.load_prepared(options.clip)
-            steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock)
+            steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock, **begun)
         else:
-            steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock)
+            steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock, **begun)
         prepared, splats, recovery = show(steps)
         notes = result.write_all(recovery, prepared.clip, settings, out, splats=splats)
         checkpoint.remove()
@@ -205,6 +214,17 @@ def _recover(options: argparse.Namespace) -> int:
         print(f"{name}: {recovery.metrics[name]:.2f} dB")
     print(f"results in {options.out}")
     return 0
+
+
+def _begun(options: argparse.Namespace, *, is_prepared: bool) -> dict[str, Any]:
+    """How far off the search is to begin, under the library's name for it; empty where nothing is said."""
+    given = {name: getattr(options, name) for name in SELF_TESTS if getattr(options, name) is not None}
+    for name, text in given.items():
+        if (name == "start_scale") != is_prepared:
+            raise InputError(f"command line: --{name} is for {SELF_TESTS[name][1]}, {short(options.clip)} is none; leave it out")
+        if not 0.01 <= (value := _number(name, text)) <= 100:
+            raise InputError(f"command line: --{name} is {value:g}, must be in 0.01 .. 100; 1 begins where the search begins by itself")
+    return {name: float(text) for name, text in given.items()}
 
 
 def _batch(options: argparse.Namespace) -> int:
@@ -229,7 +249,7 @@ def _ingest(options: argparse.Namespace) -> int:
     settings = config.layered(options.config, options.flags)
     from . import result
     from .bags.read import read_clip
-    from .recover import prepare
+    from .inverse import prepare
 
     result.check_writable(options.out.parent)
     prepared = show(prepare(read_clip(_existing(options.clip), settings), settings))
@@ -270,7 +290,7 @@ def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise InputError(f"command line: --{name} is {short(text)}, must be a number; 1 simulates what was recovered") from error
+        raise InputError(f"command line: --{name} is {short(text)}, must be a number; 1 changes nothing") from error
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -282,8 +302,12 @@ def _score(options: argparse.Namespace) -> int:
 
 
 def _settings(options: argparse.Namespace) -> int:
+    last = ""
     for leaf in config.leaves().values():
-        print(f"{leaf.name:28} {leaf.default!s:10} {leaf.unit:8} {leaf.range_text:24} {leaf.doc}")
+        if leaf.heading != last:
+            last = leaf.heading
+            print(f"\n# {last}")
+        print(f"{leaf.name:32} {leaf.default!s:10} {leaf.unit:8} {leaf.range_text:24} {leaf.doc}")
     return 0
 
 

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
+from .npz import in_words
 from .store import remove_abandoned
 
 LOCK, STAGING, READY = ".lock", ".staging", ".ready"  # hidden names in a folder that is owned
@@ -32,7 +33,7 @@ def check_writable(folder: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, ValueError) as error:
-        raise InputError(f"output folder {folder}: {_words(error)}; choose a folder that can be written with --out") from error
+        raise InputError(f"output folder {folder}: {in_words(error)}; choose a folder that can be written with --out") from error
     return folder
 
 
@@ -81,7 +82,7 @@ def replaced(folder: str | Path, files: Collection[str], *, then: str = "") -> I
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError):
             raise
-        raise InputError(f"output folder {folder}: {_words(cause)}; what it held before is untouched: free space or choose another folder{then}") from error
+        raise InputError(f"output folder {folder}: {in_words(cause)}; what it held before is untouched: free space or choose another folder{then}") from error
     finally:
         _remove(staging)
     _publish(folder)
@@ -105,7 +106,7 @@ def _lock(folder: Path) -> int:
     except BlockingIOError as error:
         raise InputError(f"output folder {folder}: another run owns it; wait until that has ended, or choose another folder with --out") from error
     except OSError as error:
-        raise InputError(f"output folder {folder}: cannot be locked ({_words(error)}); choose a folder on a file system with locks") from error
+        raise InputError(f"output folder {folder}: cannot be locked ({in_words(error)}); choose a folder on a file system with locks") from error
 
 
 def _holds(handle: int, path: Path) -> bool:
@@ -131,7 +132,7 @@ def _settle(folder: Path) -> None:
             if path.name == STAGING or _OLDER.fullmatch(path.name):
                 _remove(path)
     except OSError as error:
-        raise InputError(f"output folder {folder}: {_words(error)}; choose another folder with --out") from error
+        raise InputError(f"output folder {folder}: {in_words(error)}; choose another folder with --out") from error
 
 
 def _publish(folder: Path) -> None:
@@ -160,7 +161,3 @@ def _to_disc(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _words(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)

@@ -6,7 +6,6 @@ trajectory from it. It depends on the input and the settings alone: no clock, no
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -20,10 +19,25 @@ from . import config, npz, shapes, store
 from . import folder as folders
 from .errors import InputError
 from .folder import check_writable
-from .types import PROBLEMS, Body, Camera, Clip, Doubt, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
+from .footprints import Footprint
+from .types import (
+    PROBLEMS,
+    Body,
+    Camera,
+    Clip,
+    Doubt,
+    Grid,
+    MaterialPrior,
+    ModalProblem,
+    MpmProblem,
+    Recovery,
+    StartValues,
+    Thickness,
+    Tracks,
+)
 
 if TYPE_CHECKING:
-    from .recover.prepare import Prepared
+    from .inverse.prepared import Prepared
 
 FILES = RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
 CHECKPOINT = "checkpoint.npz"  # beside them while a fit runs, and after one that was interrupted
@@ -84,7 +98,7 @@ def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], not
         **{name: z[name].item() for name in _SCALARS},
         simulation=_simulation(z, path),
         frames=z.get("frames"),
-        grid=Grid(z["grid_origin"], float(z["grid_dx"]), tuple(z["grid_size"].tolist()), int(z["grid_clamp_index"])),
+        grid=store.built(Grid, z, "grid_"),
         reasons=tuple(z["reasons"].tolist()),
         metrics=metrics,
         notes=notes,
@@ -98,11 +112,8 @@ def _simulation(z: dict[str, np.ndarray], path: Path) -> MpmProblem | ModalProbl
     engine = str(z["engine"])
     if engine not in PROBLEMS:
         raise InputError(f"recovery {path}: engine {engine[:40]!a} is unknown, must be one of {', '.join(PROBLEMS)}; recover the clip again")
-    kind = PROBLEMS[engine]
-    names = {f.name: f"{engine}_{f.name}" for f in dataclasses.fields(kind)}
-    optional = {f.name for f in dataclasses.fields(kind) if f.default is None}
-    stored: dict[str, Any] = {name: z[key] for name, key in names.items() if name not in optional or key in z}
-    return kind(**{name: value if value.ndim else value.item() for name, value in stored.items()})
+    problem: MpmProblem | ModalProblem = store.built(PROBLEMS[engine], z, f"{engine}_")
+    return problem
 
 
 def write_all(
@@ -150,13 +161,15 @@ def stored_settings(path: str | Path) -> dict[str, Any]:
 
 
 def _stored(path: str | Path) -> dict[str, Any]:
+    from .inverse.prepared import Prepared
     from .modes.model import ModalModel
-    from .modes.zones import Zoned
-    from .recover.prepare import Prepared
+    from .start.zones import Zoned
 
-    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Doubt, Tracks, Body, StartValues, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Thickness, Doubt, Tracks, Body, StartValues, Footprint, MaterialPrior))
     if not (isinstance(found, dict) and isinstance(found.get("prepared"), Prepared) and isinstance(found.get("settings"), dict)):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
+    if found["settings"].keys() != config.leaves().keys():
+        raise InputError(f"clip {path}: holds settings of another version; write it again with 'diffphys ingest'")
     try:
         found["prepared"].check()
     except shapes.MisshapenError as error:
@@ -208,7 +221,6 @@ def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: 
 
 
 def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[str, Any]:
-    grid = recovery.grid
     rendered = {} if recovery.frames is None else {"frames": recovery.frames}
     return {
         **{name: getattr(recovery, name) for name in _FIELDS},
@@ -216,17 +228,14 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         "young_solver": recovery.young_solver,
         **rendered,
         **{name: getattr(recovery, name) for name in _FRAME},
-        "grid_origin": grid.origin,
-        "grid_dx": grid.dx,
-        "grid_size": np.array(grid.size),
-        "grid_clamp_index": grid.clamp_index,
+        **store.flat(recovery.grid, "grid_"),
         **{name: getattr(recovery, name) for name in _SCALARS},
         "identified": recovery.identified,
         "reasons": np.array(recovery.reasons),
         "force_identified": recovery.force_identified,
         "force_reason": np.array(recovery.force_reason),
         "engine": np.array(recovery.simulation.engine),
-        **{f"{recovery.simulation.engine}_{name}": value for name, value in vars(recovery.simulation).items() if value is not None},
+        **store.flat(recovery.simulation, f"{recovery.simulation.engine}_"),
         "start_ns": clip.start_ns,
         "stamps_ns": clip.start_ns + np.rint(clip.times * 1e9).astype(np.int64),
         "frame_id": np.array(clip.camera.world_frame_id or clip.camera.frame_id),

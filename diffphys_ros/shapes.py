@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .footprints import FAMILIES
 from .types import Body, Camera, Clip, Grid, MaterialPrior, ModalProblem, MpmProblem, Recovery, StartValues, Tracks
 
 LARGEST = 1e30  # magnitude of any quantity in SI units; its square is still a number
@@ -26,9 +27,9 @@ BODY = {
     "density": "positive n", "poisson": "real n", "gravity": "real 3",
 }  # fmt: skip
 START = {
-    "young": "positive n", "log10_young_sd": "gap n", "mass_damping": "real", "stiffness_damping": "real", "forced": "truth T", "footprint": "real f",
+    "young": "positive n", "log10_young_sd": "gap n", "mass_damping": "real", "stiffness_damping": "real", "forced": "truth T",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
-    "residual_m": "gap", "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
+    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
 }  # fmt: skip
 MODAL = {
     "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "geometric": "real r r",
@@ -92,6 +93,8 @@ def check_clip(clip: Clip) -> Sizes:
     require(min(sizes[letter] for letter in "THW") > 0, "frames is empty")
     require(abs(clip.start_ns) + 1e9 * clip.period_s * sizes["T"] < 2.0**63, "stamps lie beyond 64 bits of nanoseconds")
     check_camera(clip.camera, sizes)
+    if clip.thickness is not None:
+        check(vars(clip.thickness), {"extent_m": "positive", "axis": "real 3"})
     return sizes
 
 
@@ -114,6 +117,8 @@ def check_body(body: Body) -> int:
 def check_start(start: StartValues, frames: int, parts: int) -> None:
     """Raises MisshapenError."""
     check(vars(start), START, {"T": frames, "n": parts})
+    check(vars(start.footprint), {"parameters": f"real {3 if start.footprint.family == 'gaussian' else 0}"})
+    require(start.footprint.family in FAMILIES, "the force has no known footprint")
     require(len(start.reasons) == parts, "there is not one reason per part")
 
 

@@ -10,13 +10,13 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import numpy as np
 
 from . import npz
 from .errors import InputError
-from .typed import fitting
+from .typed import fitting, kinds_of
 
 PART = ".part-"  # what names of files begin with that are not whole yet
 DEEPEST = 40  # levels of an outline
@@ -92,14 +92,49 @@ def read_arrays(path: str | Path, what: str, *, cure: str = "write it again") ->
         raise InputError(f"{what} {path}: not a readable .npz ({error}); {cure}") from error
 
 
-def save(path: str | Path, value: Any) -> Path:
-    """Write a dataclass of arrays, scalars, text, tuples, lists, dicts and dataclasses, nested as you like.
+def flat(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
+    """Fields of a dataclass as arrays by name, those of dataclasses in it last, by PREFIX_NAME; what is None is left out."""
+    fields = {f"{prefix}{f.name}": getattr(value, f.name) for f in dataclasses.fields(value)}
+    inner = {name: field for name, field in fields.items() if dataclasses.is_dataclass(field)}
+    plain = {name: np.asarray(field) for name, field in fields.items() if name not in inner and field is not None}
+    return plain | {name: array for outer, field in inner.items() for name, array in flat(field, f"{outer}_").items()}
 
-    A class that is no dataclass takes part with `to_arrays() -> dict` and `from_arrays(dict)`.
-    """
+
+def built(cls: Any, arrays: Mapping[str, np.ndarray], prefix: str = "") -> Any:
+    """The dataclass that `flat` took apart. Raises KeyError for an array that is missing and has no default; nothing else is checked."""
+    kinds, found = kinds_of(cls), {}
+    for field in dataclasses.fields(cls):
+        name, kind = f"{prefix}{field.name}", kinds[field.name]
+        if dataclasses.is_dataclass(kind):
+            found[field.name] = built(kind, arrays, f"{name}_")
+        elif name in arrays or field.default is dataclasses.MISSING:
+            array = arrays[name]
+            found[field.name] = array.item() if array.ndim == 0 else tuple(array.tolist()) if get_origin(kind) is tuple else array
+    return cls(**found)
+
+
+def save(path: str | Path, value: Any) -> Path:
+    """Write a dataclass of arrays, scalars, text, tuples, lists, dicts and dataclasses, nested as you like."""
+    return write_arrays(path, encoded(value))
+
+
+def encoded(value: Any) -> dict[str, np.ndarray]:
+    """The arrays that stand for a value (see `save`) in a file, its outline among them."""
     arrays: dict[str, np.ndarray] = {}
     outline = _encode(value, arrays)
-    return write_arrays(path, {_OUTLINE: np.array(json.dumps(outline)), **arrays})
+    return {_OUTLINE: np.array(json.dumps(outline)), **arrays}
+
+
+class StrangeError(ValueError):
+    """Arrays that `encoded` did not make."""
+
+
+def decoded(arrays: Mapping[str, np.ndarray], classes: Iterable[type]) -> Any:
+    """The value that arrays stand for; `classes` are those that may be built. Raises StrangeError."""
+    try:
+        return _decode(json.loads(str(arrays[_OUTLINE])), arrays, {c.__name__: c for c in classes}, DEEPEST)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:  # json's, and of names and fields that are not ours
+        raise StrangeError(npz.in_words(error)) from error
 
 
 def load(path: str | Path, classes: Iterable[type]) -> Any:
@@ -108,9 +143,9 @@ def load(path: str | Path, classes: Iterable[type]) -> Any:
     if _OUTLINE not in arrays:
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     try:
-        return _decode(json.loads(str(arrays[_OUTLINE])), arrays, {c.__name__: c for c in classes}, DEEPEST)
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:  # json's, and of names and fields that are not ours
-        raise InputError(f"clip {path}: written by another version ({npz.in_words(error)}); write it again with 'diffphys ingest'") from error
+        return decoded(arrays, classes)
+    except StrangeError as error:
+        raise InputError(f"clip {path}: written by another version ({error}); write it again with 'diffphys ingest'") from error
 
 
 def _umask() -> int:
@@ -135,8 +170,6 @@ def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     kind = type(value).__name__
     if dataclasses.is_dataclass(value):
         return {"class": kind, "fields": {f.name: _encode(getattr(value, f.name), arrays) for f in dataclasses.fields(value)}}
-    if hasattr(value, "to_arrays"):
-        return {"class": kind, "arrays": _encode(dict(value.to_arrays()), arrays)}
     raise TypeError(f"cannot store a {kind}")
 
 
@@ -157,7 +190,4 @@ def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str
             return kind(inner(item) for item in outline[kind.__name__])
     if "dict" in outline:
         return {key: inner(item) for key, item in outline["dict"].items()}
-    cls: Any = classes[outline["class"]]
-    if "arrays" in outline:
-        return cls.from_arrays(inner(outline["arrays"]))
-    return fitting(cls, {key: inner(item) for key, item in outline["fields"].items()})
+    return fitting(classes[outline["class"]], {key: inner(item) for key, item in outline["fields"].items()})

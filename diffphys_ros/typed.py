@@ -14,7 +14,7 @@ LARGEST = 2**63  # whole numbers lie below
 
 def fitting(cls: Any, values: Mapping[str, Any]) -> Any:
     """cls(**values). Raises TypeError where `cls` is no dataclass, or a field is missing, unknown or of another type."""
-    kinds = _kinds(cls)
+    kinds = kinds_of(cls)
     built = cls(**values)
     wrong = [name for name, kind in kinds.items() if not _is(getattr(built, name), kind)]
     if wrong:
@@ -23,7 +23,7 @@ def fitting(cls: Any, values: Mapping[str, Any]) -> Any:
 
 
 @cache
-def _kinds(cls: Any) -> dict[str, Any]:
+def kinds_of(cls: Any) -> dict[str, Any]:
     """Annotations by field. Raises TypeError where `cls` is no dataclass."""
     hints = typing.get_type_hints(cls)
     return {field.name: hints[field.name] for field in dataclasses.fields(cls)}

@@ -12,7 +12,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from .footprints import Footprint
+
 IGNORE = 255  # label of pixels that are neither object nor background (an arm, an occluder)
+
+
+def object_mask(labels: np.ndarray) -> np.ndarray:
+    """Where label images (..., H, W) show the object, bool: neither background nor IGNORE."""
+    return (labels > 0) & (labels != IGNORE)
 
 
 def transformed(a_from_b: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -65,6 +72,14 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Thickness:
+    """How far the object extends along an axis, as something measured it."""
+
+    extent_m: float
+    axis: np.ndarray  # unit vector, world, (3,)
+
+
+@dataclass(frozen=True)
 class Clip:
     """A recording on a uniform clock: T frames, `period_s` apart. A frame that was lost is a copy of the one before
     it, with `observed` false; nothing is fitted to it."""
@@ -79,6 +94,7 @@ class Clip:
     source: str = ""  # where the clip came from
     notes: tuple[str, ...] = ()  # what was assumed while reading, one sentence each
     first_labels: np.ndarray | None = None  # frame 0 as a mask topic labels it, or 0 and 255 for background and object; uint8 (H, W)
+    thickness: Thickness | None = None  # measured; what a person tells goes before it
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -245,15 +261,13 @@ class StartValues:
     mass_damping: float  # alpha [1/s]: force density -alpha rho v
     stiffness_damping: float  # beta [s]: Kelvin-Voigt stress beta C : d(strain)/dt
     forced: np.ndarray  # frames in which a force may act, bool, shape (T,)
-    force_family: str  # name of the spatial family in footprints: "uniform" or "gaussian"
-    footprint: np.ndarray  # its parameters; uniform: (0,); gaussian: centre x, y [m, body] and sigma [m], shape (3,)
+    footprint: Footprint  # where on the body the force acts
     force: np.ndarray  # amplitude per frame, body frame [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
     initial_displacement: np.ndarray  # modal coordinates at frame 0 about rest, shape (r,); zeros when at rest
     initial_velocity: np.ndarray  # their rates [1/s], shape (r,)
     frequencies_hz: np.ndarray  # of the leading modes at `young`, shape (r,)
     observed_hz: np.ndarray  # seen in the tracks, leading first
     decay_per_s: np.ndarray  # of the observed frequencies
-    residual_m: float  # rms of the tail fit per coordinate [m]
     track_cost: float  # mean squared misfit of the linear motion over all frames / mean squared motion
     identified: np.ndarray  # bool, shape (n,)
     reasons: tuple[str, ...]  # one sentence per part

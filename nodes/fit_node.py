@@ -24,7 +24,7 @@ from .splat_topic import splats_of
 from .worker import FAILED, Job
 
 if TYPE_CHECKING:
-    from diffphys_ros.recover import Checkpoint
+    from diffphys_ros.inverse import Checkpoint
 
 OWN = (
     Own("bag", "", "recording to recover from instead of topics: MCAP file, rosbag2 folder, video or image folder"),
@@ -160,20 +160,20 @@ class FitNode(ClipStage):
 
 
 def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
-    from diffphys_ros.recover import run
+    from diffphys_ros.inverse import run
 
     return (yield from run(Path(bag), settings, checkpoint=checkpoint))
 
 
 def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
-    from diffphys_ros.recover import run
+    from diffphys_ros.inverse import run
 
     return (yield from run(buffer.clip(), settings, splats=splats, checkpoint=checkpoint))
 
 
 def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:
     """News, then what is to be published, then the files; returns what was left out, one sentence each. Owns `out` as long as it runs."""
-    from diffphys_ros.recover import Checkpoint
+    from diffphys_ros.inverse import Checkpoint
 
     if not out:
         prepared, _, recovery = yield from job(Checkpoint(None))

@@ -32,12 +32,14 @@ CONFIG = Own("config", [], "YAML file of settings, or several; later ones win, p
 
 
 class Parameters:
-    """Declares a node's parameters and checks every change. Needs a node that declares its overrides by itself.
+    """Declares the settings that a node reads (`reader` of config.READERS), and its own parameters, and checks every change. Needs a node that
+    declares its overrides by itself. Files of settings serve all nodes: what a node does not read is checked there and kept, but no parameter.
 
-    Raises InputError for an unknown name, a value out of range and a YAML file that cannot be read.
+    Raises InputError for an unknown name, one that another reads, a value out of range and a YAML file that cannot be read.
     """
 
-    def __init__(self, node: Node, own: Sequence[Own] = ()) -> None:
+    def __init__(self, node: Node, own: Sequence[Own] = (), *, reader: str) -> None:
+        self._origin = f"parameters of {node.get_name()}"
         self._node, self._own = node, {item.name: item for item in (CONFIG, *own)}
         overrides: Mapping[str, Any] = node.get_parameters_by_prefix("")
         given = {name: _plain(p.value) for name, p in overrides.items()}
@@ -47,8 +49,13 @@ class Parameters:
         defaults: dict[str, Any] = {}
         for path in self.paths(CONFIG.name):
             defaults |= config.read_yaml(path)
-        config.build(defaults | {n: v for n, v in given.items() if n not in self._own}, f"parameters of {node.get_name()}")
-        for name, leaf in config.leaves().items():
+        told = {n: v for n, v in given.items() if n not in self._own}
+        config.require_read(told, reader, self._origin)
+        config.build(defaults | told, self._origin)
+        self._declared = config.read_by(reader)
+        self._kept = {name: value for name, value in defaults.items() if name not in self._declared}
+        for name in self._declared:
+            leaf = config.leaves()[name]
             self._declare(name, defaults.get(name, leaf.default), _describe(leaf), given)
         node.add_on_set_parameters_callback(self._check)
 
@@ -57,7 +64,7 @@ class Parameters:
         value, item = _plain(self._node.get_parameter(name).value), self._own[name]
         need = _need(item, value)
         if need:
-            raise InputError(f"parameters of {self._node.get_name()}: {name} is {short(value)}, must be {need}")
+            raise InputError(f"{self._origin}: {name} is {short(value)}, must be {need}")
         return os.path.expanduser(value) if isinstance(value, str) else value
 
     def paths(self, name: str) -> list[str]:
@@ -66,13 +73,13 @@ class Parameters:
         paths = value if isinstance(value, list) else [value]
         wrong = [path for path in paths if not isinstance(path, str) or config.BROKEN.search(path)]
         if wrong:
-            raise InputError(f"parameters of {self._node.get_name()}: {name} holds {short(wrong[0])}, must be a path or a list of paths; put it between quotes")
+            raise InputError(f"{self._origin}: {name} holds {short(wrong[0])}, must be a path or a list of paths; put it between quotes")
         return [os.path.expanduser(path) for path in paths if path]
 
     def settings(self, changes: Mapping[str, Any] | None = None) -> config.Settings:
-        """The tree as the parameters stand, with `changes` on top. Raises InputError."""
-        values = {name: _plain(self._node.get_parameter(name).value) for name in config.leaves()}
-        return config.build(values | dict(changes or {}), f"parameters of {self._node.get_name()}")
+        """The tree as files and parameters say it, with `changes` on top. Raises InputError."""
+        values = {name: _plain(self._node.get_parameter(name).value) for name in self._declared}
+        return config.build(self._kept | values | dict(changes or {}), self._origin)
 
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor, given: Mapping[str, Any]) -> None:
         if name in given:
@@ -81,9 +88,8 @@ class Parameters:
             self._node.declare_parameter(name, default, descriptor)
 
     def _check(self, changed: list[Parameter]) -> SetParametersResult:
-        leaves = config.leaves()
         try:
-            self.settings({p.name: _plain(p.value) for p in changed if p.name in leaves})
+            self.settings({p.name: _plain(p.value) for p in changed if p.name in self._declared})
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

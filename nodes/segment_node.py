@@ -67,7 +67,7 @@ class SegmentNode(ClipStage):
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed(buffer.clip(), settings)
+            clip, chosen = placed(buffer.clip(), settings), settings
             if CLICK in told:
                 chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:

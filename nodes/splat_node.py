@@ -30,11 +30,11 @@ class SplatNode(ClipStage):
 
         def fit() -> Generator[Any, None, dict[str, Any]]:
             from diffphys_ros.depth import placed, surface_depth
-            from diffphys_ros.recover import fit_gaussians
+            from diffphys_ros.inverse import fit_gaussians
 
-            clip, chosen = placed(buffer.clip(), settings)
-            depth0, _ = surface_depth(clip, chosen)
-            splats = yield from fit_gaussians(clip, depth0, chosen)
+            clip = placed(buffer.clip(), settings)
+            depth0, _ = surface_depth(clip, settings)
+            splats = yield from fit_gaussians(clip, depth0, settings)
             return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)))
 
         return fit

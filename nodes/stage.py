@@ -35,7 +35,7 @@ class StageNode(Node):
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = ()) -> None:
         self.net = Net(self.get_logger)
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        self.parameters = Parameters(self, own)
+        self.parameters = Parameters(self, own, reader=name)
         self.worker = Worker()
         self.state = "waiting"
         self.received = 0

@@ -25,10 +25,10 @@ SPREAD = 0.05
 TRAJECTORY = 0.042  # rms error over rms motion; the linear motion of the start values is .045 off
 WHOLE_RUNS = {
     "as it is": [],
-    "modal search from 3x": ["--modes.start_scale", "3"],
-    "modal search from 0.3x": ["--modes.start_scale", "0.3"],
+    "modal search from 3x": ["--guess_scale", "3"],
+    "modal search from 0.3x": ["--guess_scale", "0.3"],
 }
-SOLVER_RUNS = {"solver from 1.3x": ["--fit.start_scale", "1.3"], "solver from 0.77x": ["--fit.start_scale", "0.77"]}
+SOLVER_RUNS = {"solver from 1.3x": ["--start_scale", "1.3"], "solver from 0.77x": ["--start_scale", "0.77"]}
 
 
 def main() -> int:

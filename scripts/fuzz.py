@@ -28,7 +28,6 @@ from fuzz_case import AT, BEGAN_NS, CASES, DONE, REFUSED, ROOT, SLOTS, TAKEN, Li
 from tqdm import tqdm
 
 FOLDER = ROOT / "tests" / "fuzz"
-KEPT = FOLDER / "kept"
 POLL_S = 0.02
 MOST_FAULTS = 100  # then the rest of a door is left
 SHOWN = 25

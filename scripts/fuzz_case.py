@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import gc
 import json
 import os
 import resource
@@ -125,6 +126,8 @@ def work(case: Case, seeds: Sequence[int], slots: memoryview, faults: int, root:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (limits.file, limits.file))
     place.enter()
+    gc.collect()
+    gc.freeze()  # what the parent left is no case's to free
     watch, memory = Watch(place), Memory(limits)
     while slots[AT] < len(seeds):
         seed = seeds[slots[AT]]
@@ -162,7 +165,7 @@ class Memory:
     """Resident memory of this process, and its limit of address space."""
 
     def __init__(self, limits: Limits) -> None:
-        self._limits, self._modules, self._first, self._before, self._peak, self._after = limits, -1, 0, 0, 0, 0
+        self._limits, self._modules, self._first, self._before, self._peak, self._own = limits, -1, 0, 0, 0, 0
 
     def begin(self) -> None:
         if len(sys.modules) != self._modules:  # libraries that came late are no case's doing
@@ -173,26 +176,32 @@ class Memory:
             self._first = 0
         with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w") as file:
             file.write("5")  # the peak starts anew
-        self._before = _status()["VmRSS"]
-        self._first = self._first or self._before
+        status = _status()
+        self._before = status["VmRSS"]
+        self._first = self._first or _own(status)
 
     def end(self) -> None:
         status = _status()
-        self._peak, self._after = status["VmHWM"], status["VmRSS"]
+        self._peak, self._own = status["VmHWM"], _own(status)
 
     def check(self) -> None:
         """Raises FaultError where this case, or all together, took too much."""
-        for grown, what in ((self._peak - self._before, "at its peak, in one case"), (self._after - self._first, "over the cases so far, kept")):
+        for grown, what in ((self._peak - self._before, "at its peak, in one case"), (self._own - self._first, "over the cases so far, kept")):
             if grown > self._limits.growth:
-                self._first = self._after
+                self._first = self._own
                 raise FaultError(f"memory grew by {grown / 2**20:.0f} MB {what}; the bound is {self._limits.growth / 2**20:.0f} MB")
 
 
 def _status() -> dict[str, int]:
     """Sizes of this process in bytes."""
     with open("/proc/self/status") as file:
-        pairs = (line.split() for line in file if line.startswith("Vm"))
+        pairs = (line.split() for line in file if line.startswith(("Vm", "Rss")))
         return {words[0][:-1]: int(words[1]) * 1024 for words in pairs}
+
+
+def _own(status: dict[str, int]) -> int:
+    """Bytes that no file can give back; pages of libraries come and go with the memory that the machine has left."""
+    return status["RssAnon"] + status["RssShmem"] + status["VmSwap"]
 
 
 def _told(error: BaseException) -> str:

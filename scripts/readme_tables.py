@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The tables of README.md and config/defaults.yaml, from the code: settings from config.py, topics from msg_schemas. Rewrites what
-stands between `<!-- NAME -->` and `<!-- end NAME -->`; with --check it only says whether both files are up to date."""
+"""docs/settings.md, docs/topics.md and config/defaults.yaml, from the code: settings from config, topics from msg_schemas. Rewrites what
+stands between `<!-- NAME -->` and `<!-- end NAME -->` in the page of that name; with --check it only says whether the files are up to date."""
 
 from __future__ import annotations
 
@@ -14,19 +14,30 @@ from typing import Any
 from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, Topic
 
-README = Path(__file__).resolve().parent.parent / "README.md"
-DEFAULTS = README.parent / "config" / "defaults.yaml"
+ROOT = Path(__file__).resolve().parent.parent
+DEFAULTS = ROOT / "config" / "defaults.yaml"
 DEFAULTS_HEAD = """\
 # Every setting with its default. Copy what you change; the same names are flags of `diffphys` (--scene.mass_kg 0.8),
-# groups of a file for --config, and parameters of the nodes (-p scene.mass_kg:=0.8).
+# groups of a file for --config, and parameters of the nodes that read them (-p scene.mass_kg:=0.8). One file serves all nodes.
 """
 FRAMES = {"world": "world", "camera": "camera optical", "": ""}
 
 
 def settings_table() -> str:
-    """Every setting with default, unit, range and meaning."""
-    rows = ((f"`{leaf.name}`", f"`{_value(leaf.default)}`", leaf.unit, leaf.range_text, leaf.doc) for leaf in config.leaves().values())
+    """Every setting with default, unit, range and meaning, a table for each heading; experiments apart."""
+    people = "\n\n".join(f"**{_title(heading)}**\n\n{_settings_of(heading)}" for heading in config.HEADINGS if heading != config.EXPERIMENT)
+    about = "Nobody needs these for a clip; no node has them as parameters, a file of settings may hold them."
+    return f"{people}\n\n<details><summary>{_title(config.EXPERIMENT)}</summary>\n\n{about}\n\n{_settings_of(config.EXPERIMENT)}\n\n</details>"
+
+
+def _settings_of(heading: str) -> str:
+    leaves = (leaf for leaf in config.leaves().values() if leaf.heading == heading)
+    rows = ((f"`{leaf.name}`", f"`{_value(leaf.default)}`", leaf.unit, leaf.range_text, leaf.doc) for leaf in leaves)
     return _table(("name", "default", "unit", "range", "meaning"), rows)
+
+
+def _title(heading: str) -> str:
+    return heading[0].upper() + heading[1:]
 
 
 def topics_table() -> str:
@@ -40,35 +51,39 @@ def topics_table() -> str:
 TABLES: dict[str, Callable[[], str]] = {"settings": settings_table, "topics": topics_table}
 
 
-def filled(text: str) -> str:
-    """README text with every table made anew. Raises ValueError where a marker is missing."""
-    for name, table in TABLES.items():
-        begin, end = f"<!-- {name} -->", f"<!-- end {name} -->"
-        if begin not in text or end not in text:
-            raise ValueError(f"README.md misses {begin} or {end}")
-        text = re.sub(f"{begin}.*?{end}", lambda _, table=table, begin=begin, end=end: f"{begin}\n{table()}\n{end}", text, flags=re.S)
-    return text
+def page(name: str) -> Path:
+    """Where the table of that name stands."""
+    return ROOT / "docs" / f"{name}.md"
+
+
+def filled(name: str, text: str) -> str:
+    """The text of a page with its table made anew. Raises ValueError where a marker is missing."""
+    begin, end = f"<!-- {name} -->", f"<!-- end {name} -->"
+    if begin not in text or end not in text:
+        raise ValueError(f"docs/{name}.md misses {begin} or {end}")
+    return re.sub(f"{begin}.*?{end}", lambda _: f"{begin}\n{TABLES[name]()}\n{end}", text, flags=re.S)
 
 
 def defaults() -> str:
     """Every setting with its default, as a YAML file with the docs as comments."""
-    lines, last = [], ""
+    lines, last, heading = [], "", ""
     for leaf in config.leaves().values():
         group, key = leaf.name.split(".")
+        lines += [f"# {leaf.heading}"] if leaf.heading != heading else []
         lines += [f"{group}:"] if group != last else []
         words = [leaf.doc + (f" [{leaf.unit}]" if leaf.unit else ""), *filter(None, [leaf.range_text])]
         lines.append(f"  {key}: {json.dumps(leaf.default) if leaf.kind is not str or leaf.default is None else leaf.default}  # {'; '.join(words)}")
-        last = group
+        last, heading = group, leaf.heading
     return DEFAULTS_HEAD + "\n".join(lines) + "\n"
 
 
 def main(arguments: list[str]) -> int:
-    """Rewrites both files, or checks them; returns the exit status."""
-    text = README.read_text(encoding="utf-8")
+    """Rewrites the files, or checks them; returns the exit status."""
+    wanted = {page(name): filled(name, page(name).read_text(encoding="utf-8")) for name in TABLES} | {DEFAULTS: defaults()}
     if arguments == ["--check"]:
-        return 0 if filled(text) == text and defaults() == DEFAULTS.read_text(encoding="utf-8") else 1
-    DEFAULTS.write_text(defaults(), encoding="utf-8")
-    README.write_text(filled(text), encoding="utf-8")
+        return int(any(path.read_text(encoding="utf-8") != text for path, text in wanted.items()))
+    for path, text in wanted.items():
+        path.write_text(text, encoding="utf-8")
     return 0
 
 

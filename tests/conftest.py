@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +19,25 @@ SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, 
 SLOW_TIMEOUT_S = 600.0  # their waits end well before
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.relative_to(TESTS).parts[0] in SLOW:
             item.add_marker("slow")
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+    if hasattr(config, "workerinput"):  # of several processes
+        from tests.shared_out import rank
+
+        items.sort(key=lambda item: rank(item.nodeid, item.get_closest_marker("slow") is not None))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from tests.shared_out import ByGroup
+
+    return ByGroup(config, log)
 
 
 @pytest.fixture(scope="session")

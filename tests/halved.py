@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 from diffphys_ros import config
-from diffphys_ros.bags.maker.messages import clip_messages
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.types import Clip
+from tools.sample_maker.messages import clip_messages
 
 
 def write(folder: Path) -> Path:

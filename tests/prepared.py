@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 
+from diffphys_ros.footprints import Footprint
+from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.modes.model import ModalModel
-from diffphys_ros.recover.prepare import Prepared
 from diffphys_ros.types import Body, Clip, StartValues, Tracks
 
 
@@ -30,15 +31,13 @@ def make_prepared(made_clip: Clip) -> Prepared:
         mass_damping=0.1,
         stiffness_damping=1e-3,
         forced=np.arange(frames) < 5,
-        force_family="uniform",
-        footprint=np.zeros(0),
+        footprint=Footprint(),
         force=rng.normal(size=(frames, 3)),
         initial_displacement=np.zeros(modes),
         initial_velocity=np.zeros(modes),
         frequencies_hz=np.array([2.0, 5.0, 9.0]),
         observed_hz=np.array([2.1]),
         decay_per_s=np.array([0.3]),
-        residual_m=1e-4,
         track_cost=0.01,
         identified=np.array([True, False]),
         reasons=("seen", "hardly strains"),

@@ -8,7 +8,7 @@ import torch
 from diffphys_ros.config import build
 from diffphys_ros.devices import usable
 from diffphys_ros.errors import InputError
-from diffphys_ros.recover import run, solve_prepared
+from diffphys_ros.inverse import run, solve_prepared
 
 COUNT = torch.cuda.device_count() if torch.cuda.is_available() else 0
 

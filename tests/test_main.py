@@ -14,12 +14,12 @@ import pytest
 from diffphys_ros import config, result
 from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
-from diffphys_ros.recover.checkpoint import Checkpoint, Stored
-from diffphys_ros.recover.minimise import lost
+from diffphys_ros.inverse.checkpoint import Checkpoint, Stored
+from diffphys_ros.inverse.descent import Descent
 
 QUICK = [
-    *("--particles.cells", "3", "--particles.per_cell", "1.5", "--fit.iterations", "1"),
-    *("--splats.iterations", "8", "--splats.max_count", "500"),
+    *("--particles.cells", "3", "--experiment.per_cell", "1.5", "--fit.iterations", "1"),
+    *("--experiment.splat_iterations", "8", "--splats.max_count", "500"),
 ]
 
 
@@ -35,6 +35,8 @@ QUICK = [
         (["recover", "{clip}", "--out", "/proc/none"], "choose a folder that can be written"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--topics.depth", "/nowhere"], "/nowhere"),
         (["recover", "{clip}", "--out", "{tmp}/out", "--resume"], "there is none to resume from"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--side_by_side", "0"], "--side_by_side is '0', must be a whole number above 0"),
+        (["recover", "{clip}", "--out", "{tmp}/out", "--side_by_side", "two"], "--side_by_side is 'two', must be a whole number above 0"),
         (["score", "{tmp}", "--truth", "{tmp}/none.npz"], "no such file"),
         (["simulate", "{tmp}", "--out", "{tmp}/again.npz"], "recovery.npz: no such file"),
         (["simulate", "{tmp}", "--out", "{tmp}/again.npz", "--young_scale", "soft"], "--young_scale is 'soft', must be a number"),
@@ -62,7 +64,8 @@ def test_a_folder_in_which_another_run_works_is_refused_and_its_checkpoint_stays
 def test_a_checkpoint_of_another_clip_is_refused_before_the_clip_is_worked_on(tmp_path, capfd, made_clip):
     checkpoint = Checkpoint(tmp_path / result.CHECKPOINT, every_s=0.0)
     checkpoint.bind(made_clip, config.Settings())
-    checkpoint.offer(Stored(lost(np.zeros(3)), np.ones(1)))
+    three, none = np.zeros(3), np.zeros((0, 3))
+    checkpoint.offer(Stored(0, three, Descent(three, 0.1, three, none, none), np.ones(1), {"fit": [0.1]}))
     assert main(["recover", str(sample_folder() / "clip.mcap"), "--out", str(tmp_path), "--resume"]) == 2
     said = capfd.readouterr()
     assert "belongs to another clip or other settings" in said.err

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -37,8 +38,30 @@ def checkout(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def wheel(checkout, tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", out, checkout)
+    return built(checkout, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def sdist(checkout, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("sdist")
+    run(sys.executable, "setup.py", "--quiet", "sdist", "--dist-dir", out, cwd=checkout)
+    return next(out.glob("*.tar.gz"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory) -> Path:
+    """An environment of its own with the wheel in it and, behind it, the third parties of this one: no checkout is in reach."""
+    root = tmp_path_factory.mktemp("environment")
+    run(sys.executable, "-m", "venv", "--without-pip", root)
+    run(sys.executable, "-m", "pip", "--python", root / "bin" / "python", "install", "--quiet", "--no-index", "--no-deps", wheel)
+    (packages,) = root.glob("lib/python3*/site-packages")
+    (packages / "third_parties.pth").write_text("\n".join(sorted({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")})) + "\n")
+    return root
+
+
+def built(source: Path, out: Path) -> Path:
+    """The wheel of a source tree."""
+    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", out, source)
     return next(out.glob("*.whl"))
 
 
@@ -82,13 +105,42 @@ def test_ros_is_an_extra_and_never_required(wheel):
     assert all('extra == "ros"' in line for line in required)
 
 
-def test_a_source_archive_builds_the_same_package(checkout, tmp_path, wheel):
-    run(sys.executable, "setup.py", "--quiet", "sdist", "--dist-dir", tmp_path, cwd=checkout)
-    archive = next(tmp_path.glob("*.tar.gz"))
-    with tarfile.open(archive) as files:
-        names = {"/".join(n.split("/")[1:]) for n in files.getnames()}
-    package = {n for n in zipfile.ZipFile(wheel).namelist() if n.startswith("diffphys_ros/")}
-    assert package <= names
+def test_a_source_archive_builds_the_same_wheel(sdist, tmp_path, wheel):
+    shutil.unpack_archive(sdist, tmp_path)
+    (source,) = tmp_path.iterdir()
+    again = zipfile.ZipFile(built(source, tmp_path / "wheel"))
+    package = [name for name in again.namelist() if name.startswith("diffphys_ros/")]
+    assert sorted(again.namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+    assert [name for name in package if again.read(name) != zipfile.ZipFile(wheel).read(name)] == []
+
+
+def test_what_developers_alone_need_is_in_neither_archive(sdist, wheel):
+    with tarfile.open(sdist) as files:
+        names = {*zipfile.ZipFile(wheel).namelist(), *("/".join(name.split("/")[1:]) for name in files.getnames())}
+    of_developers = {"tools", "tests", "benchmarks", "scripts", "sample_maker", "make_sample.py", "maker"}
+    assert sorted(name for name in names if of_developers & set(name.split("/"))) == []
+
+
+def test_an_installed_wheel_says_what_it_can_do(installed):
+    assert "recover" in run(installed / "bin" / "diffphys", "--help", cwd=installed, PYTHONPATH="")
+    settings = run(installed / "bin" / "diffphys", "settings", cwd=installed, PYTHONPATH="")
+    assert "scene.mass_kg" in settings
+    for node in NODES:
+        assert os.access(installed / "bin" / node, os.X_OK)
+        assert os.access(installed / "lib" / "diffphys_ros" / node, os.X_OK)
+
+
+def test_an_installed_wheel_reads_the_samples_that_it_brings(installed):
+    code = (
+        "from diffphys_ros import config; from diffphys_ros.bags.read import read_clip; from diffphys_ros.bags.sample import SAMPLES, sample_folder\n"
+        "for kind in SAMPLES:\n"
+        "    folder = sample_folder(kind); settings = config.layered([folder / 'given.yaml'])\n"
+        "    print(folder, read_clip(folder / 'clip.mcap', settings).frames.shape, settings.scene.mass_kg)"
+    )
+    bar, strip = run(installed / "bin" / "python", "-c", code, cwd=installed, PYTHONPATH="").splitlines()
+    assert all(line.startswith(str(installed)) for line in (bar, strip))
+    assert bar.endswith("(36, 240, 320, 3) 2.5875")
+    assert strip.endswith("(39, 240, 320, 3) 0.6075")
 
 
 def test_every_requirement_has_a_pin(wheel):

@@ -12,7 +12,7 @@ import pytest
 
 from diffphys_ros import config, result, store
 from diffphys_ros.errors import InputError
-from diffphys_ros.recover.prepare import Prepared
+from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.types import Clip, Doubt, ModalProblem, MpmProblem, Recovery
 from tests.prepared import make_prepared
 
@@ -189,9 +189,17 @@ def test_a_prepared_clip_comes_back_as_it_was_saved(tmp_path: Path, made_prepare
 
 
 def test_a_prepared_clip_brings_its_settings(tmp_path: Path, made_prepared: Prepared) -> None:
-    path = result.save_prepared(tmp_path / "clip.npz", made_prepared, config.build({"scene.at_rest": True, "fit.image_weight": 0.7}))
-    settings = config.layered(flags={"fit.image_weight": 0.5}, base=result.stored_settings(path))
-    assert (settings.scene.at_rest, settings.fit.image_weight) == (True, 0.5)
+    path = result.save_prepared(tmp_path / "clip.npz", made_prepared, config.build({"scene.at_rest": True, "experiment.image_weight": 0.7}))
+    settings = config.layered(flags={"experiment.image_weight": 0.5}, base=result.stored_settings(path))
+    assert (settings.scene.at_rest, settings.experiment.image_weight) == (True, 0.5)
+
+
+def test_a_prepared_clip_with_settings_of_another_version_is_refused(tmp_path: Path, made_prepared: Prepared) -> None:
+    settings = config.flat(config.Settings())
+    settings["fit.seed"] = settings.pop("experiment.seed")
+    path = store.save(tmp_path / "clip.npz", {"prepared": made_prepared, "settings": settings})
+    with pytest.raises(InputError, match=r"clip\.npz: holds settings of another version; write it again with 'diffphys ingest'"):
+        result.stored_settings(path)
 
 
 def test_a_recovery_is_no_prepared_clip(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:

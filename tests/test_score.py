@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +12,7 @@ import pytest
 from diffphys_ros.errors import InputError
 from diffphys_ros.result import owned
 from diffphys_ros.score import score, score_folder
+from tests.script import loaded
 
 FRAMES = 20
 START_NS = 1_750_000_000_000_000_000
@@ -218,9 +218,4 @@ def test_figures_equal_the_scenes_own_scorer(tmp_path: Path, scenes: Path, scene
 
 
 def _scorer(scenes: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("scene_scorer", scenes / "score.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(scenes / "score.py")

@@ -10,7 +10,7 @@ import pytest
 
 from diffphys_ros import store
 from diffphys_ros.errors import InputError
-from diffphys_ros.types import Camera, Clip
+from diffphys_ros.types import Camera, Clip, Grid
 
 
 @dataclass(frozen=True)
@@ -22,16 +22,12 @@ class Shelf:
     words: dict[str, str] = field(default_factory=dict)
 
 
-class Model:
-    def __init__(self, basis: np.ndarray) -> None:
-        self.basis = basis
-
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        return {"basis": self.basis}
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Model:
-        return cls(arrays["basis"])
+@dataclass(frozen=True)
+class Scene:
+    grid: Grid
+    camera: Camera
+    name: str
+    depth: np.ndarray | None = None
 
 
 def test_nested_dataclasses_come_back_as_they_were(tmp_path: Path) -> None:
@@ -51,9 +47,24 @@ def test_a_clip_keeps_its_camera_and_its_missing_depth(tmp_path: Path, made_clip
     np.testing.assert_array_equal(back.frames, made_clip.frames)
 
 
-def test_a_class_with_to_arrays_takes_part(tmp_path: Path) -> None:
-    back = store.load(store.save(tmp_path / "a.npz", {"model": Model(np.ones((2, 3)))}), (Model,))
-    np.testing.assert_array_equal(back["model"].basis, np.ones((2, 3)))
+def test_a_flat_dataclass_comes_back_as_it_was() -> None:
+    camera = Camera(np.eye(3), np.eye(4), 4, 3, "optical")
+    grid = Grid(np.arange(3.0), 0.25, (4, 5, 6))
+    arrays = store.flat(Scene(grid, camera, "a bar"), "of_")
+    assert list(arrays) == ["of_name", *(f"of_grid_{n}" for n in vars(grid)), *(f"of_camera_{n}" for n in vars(camera))]
+    assert not any(array.dtype.hasobject for array in arrays.values())
+    back = store.built(Scene, arrays, "of_")
+    assert (back.name, back.depth) == ("a bar", None)
+    assert (back.grid.dx, back.grid.size, back.grid.clamp_index, back.camera.frame_id) == (0.25, (4, 5, 6), -1, "optical")
+    np.testing.assert_array_equal(back.camera.world_from_camera, camera.world_from_camera)
+
+
+def test_only_an_array_with_a_default_may_be_missing_from_a_flat_dataclass() -> None:
+    arrays = store.flat(Grid(np.zeros(3), 0.1, (2, 2, 2)), "grid_")
+    without = {name: {k: v for k, v in arrays.items() if k != name} for name in ("grid_clamp_index", "grid_dx")}
+    assert store.built(Grid, without["grid_clamp_index"], "grid_").clamp_index == -1
+    with pytest.raises(KeyError, match="grid_dx"):
+        store.built(Grid, without["grid_dx"], "grid_")
 
 
 def test_equal_content_gives_equal_bytes(tmp_path: Path, made_clip: Clip) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,8 +16,9 @@ import pytest
 
 from diffphys_ros import config, folder, result, store
 from diffphys_ros.types import Clip, Recovery
+from tests.conftest import make_clip, make_recovery
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.faults]
 EXPORTS = (result.RECORDING, result.RERUN, result.FIGURE) if find_spec("rerun") else (result.RECORDING, result.FIGURE)
 PAGE = 4096  # bytes that a file's length is rounded up to
 PROGRAM = """
@@ -65,6 +67,20 @@ def write(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-
     return run
 
 
+@pytest.fixture(scope="module")
+def older(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an earlier run."""
+    clip, out = make_clip(), tmp_path_factory.mktemp("older")
+    write_here(make_recovery(clip), clip, out)
+    return out
+
+
+def write_here(recovery: Recovery, clip: Clip, out: Path) -> None:
+    """By this process."""
+    with result.owned(out):
+        result.write_all(recovery, clip, config.Settings(), out)
+
+
 @pytest.fixture
 def heavier(made_recovery: Recovery) -> Recovery:
     """The result of another run."""
@@ -76,13 +92,13 @@ def files(place: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", [result.RECORDING, result.FIGURE])
-def test_a_run_that_is_killed_while_it_writes_leaves_the_old_files_alone_and_the_next_one_leaves_the_new(write, made_recovery, heavier, made_clip, tmp_path, name) -> None:
-    assert write(made_recovery, made_clip, tmp_path).returncode == 0
+def test_a_run_that_is_killed_while_it_writes_leaves_the_old_files_alone_and_the_next_one_leaves_the_new(write, older, made_recovery, heavier, made_clip, tmp_path, name) -> None:
+    shutil.copytree(older, tmp_path, dirs_exist_ok=True)
     old = files(tmp_path)
     assert write(heavier, made_clip, tmp_path, f"kill {name}").returncode == -signal.SIGKILL
     left = files_shown(tmp_path)
     assert left == old
-    assert write(heavier, made_clip, tmp_path).returncode == 0
+    write_here(heavier, made_clip, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == set(old)
     assert result.load(tmp_path).density[0] == 2 * made_recovery.density[0]
     assert result.read_metrics(tmp_path)["mass"] == 5.0
@@ -112,9 +128,9 @@ def small_disc(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("fits", range(len(EXPORTS) + 1))
-def test_a_full_disc_keeps_the_old_files_and_the_checkpoint_and_says_so(write, made_recovery, heavier, made_clip, small_disc, fits) -> None:
+def test_a_full_disc_keeps_the_old_files_and_the_checkpoint_and_says_so(write, older, heavier, made_clip, small_disc, fits) -> None:
     """Whichever of the files it is that has no room: the first ones fit."""
-    assert write(made_recovery, made_clip, small_disc).returncode == 0
+    shutil.copytree(older, small_disc, dirs_exist_ok=True)
     (small_disc / result.CHECKPOINT).write_bytes(b"of the fit")
     old = files(small_disc)
     disc, written = os.statvfs(small_disc), (result.RECOVERY, result.METRICS, *EXPORTS)

@@ -10,9 +10,8 @@ from ..config import Settings
 from ..depth.capture import undistorted
 from ..depth.inflate import inflated_depth
 from ..depth.scale import DEPTH_TOPIC
-from ..local_plane import plane_depth
-from ..losses import foreground
-from ..types import Camera, Clip
+from ..surface_plane import plane_depth
+from ..types import Camera, Clip, object_mask
 from .align import LEAST_DEPTHS, onto_camera, onto_positions, scale_of
 from .structure import Placed, Structure
 from .sweep import swept_depth
@@ -40,7 +39,7 @@ def place_clip(placed: Placed, clip: Clip) -> tuple[Shot, Clip]:
 
 def object_depth(shot: Shot, others: list[Shot], structure: Structure, labels: np.ndarray) -> np.ndarray:
     """Depth of the object in frame 0 (H, W), in the unit of the reconstruction, 0 where unknown."""
-    return swept_depth(shot, others, structure.points, foreground(labels))
+    return swept_depth(shot, others, structure.points, object_mask(labels))
 
 
 def world_of(structure: Structure, shot: Shot, depth: np.ndarray, clip: Clip, settings: Settings) -> World:
@@ -52,7 +51,7 @@ def world_of(structure: Structure, shot: Shot, depth: np.ndarray, clip: Clip, se
         words = f"{DEPTH_TOPIC} at {int((measured > 0).sum())} points that agree to {100 * spread:.2g} %"
     else:
         assert clip.labels is not None
-        reference, source = inflated_depth(clip, foreground(clip.labels[0]), settings)
+        reference, source = inflated_depth(clip, object_mask(clip.labels[0]), settings)
         scale, words = scale_of(reference[depth > 0], depth[depth > 0])[0], source.scale
     return World(onto_camera(shot.camera, clip.camera, scale), words, clip.camera.world_frame_id)
 
@@ -87,6 +86,6 @@ def _at_points(structure: Structure, shot: Shot, clip: Clip) -> tuple[np.ndarray
     height, width = clip.labels[0].shape
     index = np.clip(np.rint(pixels).astype(int), 0, (width - 1, height - 1))
     measured = plane_depth(clip.depth[0], pixels)[0]
-    on = foreground(clip.labels[0])[index[:, 1], index[:, 0]] & (measured > 0)
+    on = object_mask(clip.labels[0])[index[:, 1], index[:, 0]] & (measured > 0)
     chosen = on if on.sum() >= LEAST_DEPTHS else np.ones(len(on), bool)
     return measured[chosen], depth[chosen]

@@ -13,12 +13,11 @@ from .. import store
 from ..bags.read import is_bag, read_clip
 from ..config import Settings
 from ..depth.capture import FILE, ClipView
+from ..devices import usable
 from ..errors import InputError
-from ..losses import foreground
-from ..recover import pick_device
-from ..recover.progress import Progress, told
+from ..progress import Progress, told
 from ..splats import ply
-from ..types import Camera, Clip, Splats
+from ..types import Camera, Clip, Splats, object_mask
 from . import folder as places
 from .align import read_positions
 from .clip_view import SURFACE, World, in_world, object_depth, place_clip, unknown_world, world_of, world_of_positions
@@ -56,7 +55,7 @@ class _Seen:
     def mask(self) -> np.ndarray:
         """The object, bool (H, W)."""
         assert self.clip.labels is not None
-        return foreground(self.clip.labels[0])
+        return object_mask(self.clip.labels[0])
 
 
 def reconstruct(images: str | Path, out: str | Path, settings: Settings, clip: str | Path | None = None) -> Generator[Progress, None, Capture]:
@@ -65,13 +64,13 @@ def reconstruct(images: str | Path, out: str | Path, settings: Settings, clip: s
     Args:
         images: folder of images, video, or recording of the still object from all around.
         out: folder to write. An interrupted or earlier run's structure from motion is used again where it was made of the same.
-        settings: `capture.*`; `scene.*`, `segment.*` and `topics.*` for the clip; `splats.view_iterations`, `fit.device`.
+        settings: `capture.*`; `scene.*`, `segment.*` and `topics.*` for the clip; `experiment.view_iterations`, `fit.device`.
         clip: the clip whose object this is; its frame 0 joins the pictures and gives the world frame and the metric scale.
 
     Raises InputError for pictures from which nothing can be built, a clip whose frame 0 finds no place among them, and places that
     cannot be written.
     """
-    pick_device(settings)  # one that is not there is known before an hour's work
+    usable(settings.fit.device)  # one that is not there is known before an hour's work
     out, source = Path(out), Path(clip) if clip is not None else None
     film = None if source is None else read_clip(source, settings)
     work = places.begin(out)
@@ -203,7 +202,7 @@ def _write(work: Path, structure: Structure, seen: _Seen | None, world: World, s
 def _gaussians(
     shots: list[Shot], cameras: tuple[Camera, ...], points: np.ndarray, colors: np.ndarray, settings: Settings
 ) -> Generator[Progress, None, Splats]:
-    return (yield from told("gaussians", scene_gaussians(shots, cameras, points, colors, settings, pick_device(settings))))
+    return (yield from told("gaussians", scene_gaussians(shots, cameras, points, colors, settings, usable(settings.fit.device))))
 
 
 def _with_object(work: Path, capture: Capture, seen: _Seen, camera: Camera, depth: np.ndarray, splats: Splats | None) -> Capture:

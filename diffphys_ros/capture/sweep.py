@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..local_plane import plane_depth
+from ..surface_plane import plane_depth
 from .views import Shot
 
 NEIGHBOURS = 6  # pictures that a depth is read from

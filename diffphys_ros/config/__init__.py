@@ -1,16 +1,20 @@
-"""ONE tree of settings. Feeds the CLI, YAML files, ROS parameters and the README's table."""
+"""ONE tree of settings. Feeds the CLI, YAML files, ROS parameters and the table of docs/settings.md."""
 
 from .files import flatten, layered, parse_text, read_text, read_yaml
 from .leaf import BROKEN, Leaf, leaves
+from .moved import REMOVED, RENAMED, moved
 from .plain_yaml import loaded
+from .readers import READERS, read_by, require_read
 from .tree import (
+    EXPERIMENT,
+    HEADINGS,
     TIME_BUDGET_S,
     CameraSettings,
     CaptureSettings,
     DepthSettings,
+    Experiment,
     Fit,
     MetricSettings,
-    Modes,
     ParticleSettings,
     Playback,
     PriorSettings,
@@ -20,20 +24,24 @@ from .tree import (
     Settings,
     SplatSettings,
     Topics,
-    TrackSettings,
 )
 from .values import build, flat
 
 __all__ = [
     "BROKEN",
+    "EXPERIMENT",
+    "HEADINGS",
+    "READERS",
+    "REMOVED",
+    "RENAMED",
     "TIME_BUDGET_S",
     "CameraSettings",
     "CaptureSettings",
     "DepthSettings",
+    "Experiment",
     "Fit",
     "Leaf",
     "MetricSettings",
-    "Modes",
     "ParticleSettings",
     "Playback",
     "PriorSettings",
@@ -43,14 +51,16 @@ __all__ = [
     "Settings",
     "SplatSettings",
     "Topics",
-    "TrackSettings",
     "build",
     "flat",
     "flatten",
     "layered",
     "leaves",
     "loaded",
+    "moved",
     "parse_text",
+    "read_by",
     "read_text",
     "read_yaml",
+    "require_read",
 ]

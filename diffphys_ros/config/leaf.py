@@ -38,6 +38,7 @@ class Leaf:
     length: int | None
     path: bool
     pattern: str
+    heading: str  # who needs it, one of tree.HEADINGS
 
     @property
     def range_text(self) -> str:
@@ -122,7 +123,7 @@ def leaves() -> Mapping[str, Leaf]:
         for f in dataclasses.fields(cls):  # type: ignore[arg-type]
             kind, is_list, optional = _kind(hints[f.name])
             default = f.default if f.default is not dataclasses.MISSING else f.default_factory()  # type: ignore[misc,operator]
-            found[f"{group.name}.{f.name}"] = Leaf(f"{group.name}.{f.name}", kind, is_list, optional, default, **f.metadata)
+            found[f"{group.name}.{f.name}"] = Leaf(f"{group.name}.{f.name}", kind, is_list, optional, default, **f.metadata, heading=group.metadata["heading"])
     return types.MappingProxyType(found)
 
 

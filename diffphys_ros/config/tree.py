@@ -115,45 +115,26 @@ class CaptureSettings:
 
 
 @dataclass(frozen=True)
-class TrackSettings:
-    """Surface points followed through the clip."""
-
-    spacing_px: int = setting(4, "distance of seed points", unit="px", low=1, high=64)
-    window_px: int = setting(15, "side of the matching window", unit="px", low=5, high=63)
-    round_trip_px: float = setting(0.4, "largest forward-backward error", unit="px", low=0.01, high=10.0)
-
-
-@dataclass(frozen=True)
 class ParticleSettings:
-    """Filling of the solid and the grid that fits it."""
+    """The grid that fits the solid."""
 
     cells: int = setting(0, "grid cells over the thickness; 0: chosen to end inside fit.time_budget_s", low=0, high=32)
-    per_cell: float = setting(0.0, "particles per cell and axis; 0: chosen", low=0.0, high=4.0)
-    grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of particles.cells (the paper's 64 or 128)", low=16, high=512)
-    downsample_ratio: float = setting(0.0, "share of the Gaussians and a dense interior behind them that is kept as particles (paper Table 3); 0: particles on a lattice, which bends more truly", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """What is believed of the material before the motion is looked at."""
+    """What is believed of the material before the motion is looked at, by one of: a file, names of the database, a vision-language model."""
 
-    source: str = setting("none", "density, Poisson's ratio and, where the clip has no free tail, Young's modulus by: a YAML file, named materials, a vision-language model", choices=("none", "file", "database", "model"))
-    file: str | None = setting(None, "YAML file of materials for source file", path=True)
-    materials: list[str] | None = setting(None, "materials of the database, one or one per part, for source database and where a model does not answer")
+    file: str | None = setting(None, "YAML file of materials: density, Poisson's ratio and, where the clip has no free tail, Young's modulus", path=True)
+    materials: list[str] | None = setting(None, "materials of the database, one or one per part; with a model, those to take where it does not answer")
     base_url: str | None = setting(None, "OpenAI-compatible endpoint of the model, such as https://api.openai.com/v1; it is sent frame 0 of the object")
     model: str | None = setting(None, "name of a model of that endpoint which reads images")
     api_key_env: str = setting("OPENAI_API_KEY", "environment variable that holds the endpoint's key; none is sent where it is not set")
-    timeout_s: float = setting(60.0, "longest time for one answer of the model", unit="s", low=0.1, high=3600.0)
-    attempts: int = setting(3, "most requests to the model, counting those that tell it what was wrong with its answer", low=1, high=10)
-    cache: str | None = setting(None, "folder of the model's earlier answers; ~/.cache/diffphys_ros/prior where not given", path=True)
 
-
-@dataclass(frozen=True)
-class Modes:
-    """Start values from eigenmodes."""
-
-    start_scale: float = setting(1.0, "factor on the first guess of Young's modulus, to check that the search forgets it", low=0.01, high=100.0)
-    count: int = setting(8, "eigenmodes kept", low=1, high=40)
+    @property
+    def source(self) -> str:
+        """Which of them it is: none, file, database or model."""
+        return "model" if self.base_url or self.model else "file" if self.file else "database" if self.materials else "none"
 
 
 @dataclass(frozen=True)
@@ -161,9 +142,7 @@ class SplatSettings:
     """3D Gaussians."""
 
     max_count: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
-    iterations: int = setting(100, "steps of the fit to frame 0", low=1, high=100_000)
     refine_frames: int = setting(12, "frames of the clip to which the Gaussians are fitted once the motion is recovered; 0: frame 0 alone", low=0, high=10_000)
-    view_iterations: int = setting(2000, "steps of a fit to many views of a still scene", low=1, high=100_000)
 
 
 TIME_BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
@@ -175,31 +154,24 @@ class Fit:
 
     time_budget_s: float | None = setting(None, "for a whole clip; cells, particles and iterations are chosen to end inside it; 120 on a GPU, 900 on a CPU where not given", unit="s", low=1.0, high=1e6)
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
-    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess", choices=("auto", "modes", "joint"))
+    hold: list[str] | None = setting(None, "unknowns that stay as they are told, assumed or begun with: young, damping, force, motion (of frame 0), density, poisson; density and poisson where not given; none: all are sought")
+    prescribe: str | None = setting(None, "result of an earlier run (its folder): what fit.hold names of young, damping and force has its values", path=True)
     law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")
     material_field: str = setting("part", "part: constants per part; residual: corrected from point to point by a triplane; triplane: a triplane alone, pretrained on them", choices=("part", "residual", "triplane"))
     force_field: str = setting("frame", "frame: one vector per frame under a footprint; on top of it modes: smooth shapes along the object, voxels: features per voxel and frame, planes: a triplane over x, y and time", choices=("frame", "modes", "voxels", "planes"))
-    force_frame: str = setting("rest", "where such a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space (paper Eq. 9)", choices=("rest", "current"))
-    field_iterations: int = setting(40, "iterations of L-BFGS for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
-    force_smoothness: float = setting(1e-3, "weight of the roughness of such a force field (paper A.14)", low=0.0, high=1e3)
-    max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
-    start_scale: float = setting(1.0, "factor on the start values of Young's modulus, to check that the solver forgets it", low=0.1, high=10.0)
-    image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)
-    ssim_weight: float = setting(0.2, "weight of 1 - SSIM beside the masked L2 (paper A.13)", low=0.0, high=1e3)
-    track_weight: float = setting(1.0, "weight of the track term", low=0.0, high=1e3)
-    depth_weight: float = setting(0.1, "weight of the depth term", low=0.0, high=1e3)
-    image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
     checkpoint_every_s: float = setting(60.0, "time between checkpoints on disk", unit="s", low=0.1, high=1e5)
     device: str = setting("auto", "auto, cpu or cuda:0", pattern=r"auto|cpu|cuda(:\d{1,3})?")
-    seed: int = setting(0, "seed of everything random", low=0, high=2**31 - 1)
 
 
 @dataclass(frozen=True)
 class MetricSettings:
     """Figures of a result beside the losses."""
 
-    lpips_backbone: str | None = setting(None, "torchvision's AlexNet or VGG-16 state dict, .pth or .safetensors; LPIPS is left out without it", path=True)
-    lpips_heads: str | None = setting(None, "linear heads of LPIPS 0.1 for that network (alex.pth or vgg.pth)", path=True)
+    lpips_weights: str | None = setting(
+        None,
+        "folder of LPIPS 0.1's weights: backbone.pth, torchvision's AlexNet or VGG-16, and heads.pth, the linear heads for it (or .safetensors); LPIPS is left out without it",
+        path=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -219,21 +191,62 @@ class Publish:
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """What reproductions and ablations change and nobody needs for a clip."""
+
+    per_cell: float = setting(0.0, "particles per cell and axis; 0: chosen", low=0.0, high=4.0)
+    grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of particles.cells (the paper's 64 or 128)", low=16, high=512)
+    downsample_ratio: float = setting(0.0, "share of the Gaussians and a dense interior behind them that is kept as particles (paper Table 3); 0: particles on a lattice, which bends more truly", low=0.0, high=1.0)
+    track_spacing_px: int = setting(4, "distance of seed points of the tracks", unit="px", low=1, high=64)
+    track_window_px: int = setting(15, "side of the window that is matched", unit="px", low=5, high=63)
+    track_round_trip_px: float = setting(0.4, "largest forward-backward error of a track", unit="px", low=0.01, high=10.0)
+    mode_count: int = setting(8, "eigenmodes kept for the start values", low=1, high=40)
+    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions", choices=("auto", "modes", "joint", "linear"))
+    force_frame: str = setting("rest", "where a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space (paper Eq. 9)", choices=("rest", "current"))
+    field_iterations: int = setting(40, "iterations of L-BFGS for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
+    force_smoothness: float = setting(1e-3, "weight of the roughness of a force field (paper A.14)", low=0.0, high=1e3)
+    max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
+    image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)
+    ssim_weight: float = setting(0.2, "weight of 1 - SSIM beside the masked L2 (paper A.13)", low=0.0, high=1e3)
+    track_weight: float = setting(1.0, "weight of the track term", low=0.0, high=1e3)
+    depth_weight: float = setting(0.1, "weight of the depth term", low=0.0, high=1e3)
+    image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
+    splat_iterations: int = setting(100, "steps of the fit of the Gaussians to frame 0", low=1, high=100_000)
+    view_iterations: int = setting(2000, "steps of their fit to many views of a still scene", low=1, high=100_000)
+    prior_timeout_s: float = setting(60.0, "longest time for one answer of the model of prior.model", unit="s", low=0.1, high=3600.0)
+    prior_attempts: int = setting(3, "most requests to it, counting those that tell it what was wrong with its answer", low=1, high=10)
+    prior_cache: str | None = setting(None, "folder of its earlier answers; ~/.cache/diffphys_ros/prior where not given", path=True)
+    seed: int = setting(0, "seed of everything random", low=0, high=2**31 - 1)
+
+
+# who needs a group, in the words of the tables
+KNOWN, WHERE, OBJECT, BELIEF, SOLVED, OUT = (
+    "what you know", "where it is", "what is the object", "what is believed of the material", "how it is solved", "what comes out",
+)  # fmt: skip
+STILL, EXPERIMENT = "pictures of the still object, for `diffphys capture`", "reproductions and ablations"
+HEADINGS = (KNOWN, WHERE, OBJECT, BELIEF, SOLVED, OUT, STILL, EXPERIMENT)
+
+
+def group(cls: type, heading: str) -> Any:
+    """A group of settings under one of the HEADINGS."""
+    return field(default_factory=cls, metadata={"heading": heading})
+
+
+@dataclass(frozen=True)
 class Settings:
     """The whole tree."""
 
-    scene: Scene = field(default_factory=Scene)
-    camera: CameraSettings = field(default_factory=CameraSettings)
-    topics: Topics = field(default_factory=Topics)
-    segment: Segment = field(default_factory=Segment)
-    depth: DepthSettings = field(default_factory=DepthSettings)
-    capture: CaptureSettings = field(default_factory=CaptureSettings)
-    tracks: TrackSettings = field(default_factory=TrackSettings)
-    particles: ParticleSettings = field(default_factory=ParticleSettings)
-    prior: PriorSettings = field(default_factory=PriorSettings)
-    modes: Modes = field(default_factory=Modes)
-    splats: SplatSettings = field(default_factory=SplatSettings)
-    fit: Fit = field(default_factory=Fit)
-    metrics: MetricSettings = field(default_factory=MetricSettings)
-    playback: Playback = field(default_factory=Playback)
-    publish: Publish = field(default_factory=Publish)
+    scene: Scene = group(Scene, KNOWN)
+    camera: CameraSettings = group(CameraSettings, KNOWN)
+    topics: Topics = group(Topics, WHERE)
+    segment: Segment = group(Segment, OBJECT)
+    depth: DepthSettings = group(DepthSettings, OBJECT)
+    prior: PriorSettings = group(PriorSettings, BELIEF)
+    particles: ParticleSettings = group(ParticleSettings, SOLVED)
+    splats: SplatSettings = group(SplatSettings, SOLVED)
+    fit: Fit = group(Fit, SOLVED)
+    metrics: MetricSettings = group(MetricSettings, OUT)
+    playback: Playback = group(Playback, OUT)
+    publish: Publish = group(Publish, OUT)
+    capture: CaptureSettings = group(CaptureSettings, STILL)
+    experiment: Experiment = group(Experiment, EXPERIMENT)

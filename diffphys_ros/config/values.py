@@ -9,9 +9,10 @@ from typing import Any
 
 from ..errors import InputError, short
 from .leaf import leaves
-from .tree import Fit, Scene, Settings
+from .moved import moved
+from .tree import Experiment, PriorSettings, Scene, Settings
 
-WEIGHTS = ("fit.track_weight", "fit.image_weight", "fit.depth_weight")  # of everything that is seen
+WEIGHTS = ("experiment.track_weight", "experiment.image_weight", "experiment.depth_weight")  # of everything that is seen
 
 
 def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
@@ -19,11 +20,13 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
     known, groups = leaves(), {}  # type: ignore[var-annotated]
     for name, value in values.items():
         if name not in known:
-            raise InputError(f"{origin}: unknown setting {short(name)}{_nearest(str(name))}")
+            where = moved(name) if isinstance(name, str) else ""
+            raise InputError(f"{origin}: {name} {where}" if where else f"{origin}: unknown setting {short(name)}{_nearest(str(name))}")
         group, key = name.split(".")
         groups.setdefault(group, {})[key] = known[name].checked(value, origin)
     settings = Settings(**{g.name: g.default_factory(**groups.get(g.name, {})) for g in dataclasses.fields(Settings)})  # type: ignore[operator]
-    _require_evidence(settings.fit, origin)
+    _require_evidence(settings.experiment, origin)
+    _require_one_prior(settings.prior, origin)
     _require_direction(settings.scene, origin)
     return settings
 
@@ -33,10 +36,17 @@ def flat(settings: Settings) -> dict[str, Any]:
     return {f"{g}.{k}": v for g, group in dataclasses.asdict(settings).items() for k, v in group.items()}
 
 
-def _require_evidence(fit: Fit, origin: str) -> None:
+def _require_evidence(experiment: Experiment, origin: str) -> None:
     """With no term of the loss nothing would be fitted, and the start values would pass for an answer."""
-    if not any(getattr(fit, name.partition(".")[2]) for name in WEIGHTS):
+    if not any(getattr(experiment, name.partition(".")[2]) for name in WEIGHTS):
         raise InputError(f"{origin}: {', '.join(WEIGHTS)} are all 0, so that nothing would be fitted; give at least one of them a weight, such as 1")
+
+
+def _require_one_prior(prior: PriorSettings, origin: str) -> None:
+    """Names may stand beside a model, which may not answer; a file may not, one of the two would be lost."""
+    other = next((name for name in ("materials", "base_url", "model") if getattr(prior, name)), None)
+    if prior.file and other is not None:
+        raise InputError(f"{origin}: prior.file and prior.{other} are both given, must be one prior; leave one out, or set it to null")
 
 
 def _require_direction(scene: Scene, origin: str) -> None:

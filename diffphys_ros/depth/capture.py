@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,16 +12,15 @@ import numpy as np
 from .. import shapes, store
 from ..config import Settings
 from ..errors import InputError
-from ..types import Camera, Clip
+from ..types import Camera, Clip, Thickness
 from .scale import DepthSource
 from .topic import fill_holes
 
 FILE = "clip_view.npz"  # in the folder of a capture
-_CAMERA = "camera_"  # what names of the camera's arrays begin with
 _LINES = {
     "frame": "pixel H W 3", "distortion": "real 4", "depth": "real H W", "surface": "text", "scale": "text", "thickness_m": "gap", "thickness_axis": "real 3",
     "camera_width": "whole", "camera_height": "whole", "camera_frame_id": "text", "camera_world_frame_id": "text",
-} | {f"{_CAMERA}{name}": line for name, line in shapes.CAMERA.items()}  # fmt: skip
+} | {f"camera_{name}": line for name, line in shapes.CAMERA.items()}  # fmt: skip
 SAME_FRAME = 12.0  # grey levels: mean difference up to which a frame is the one that found its place
 
 
@@ -41,9 +39,7 @@ class ClipView:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Plain arrays by name, as FILE holds them."""
-        values = {name: np.asarray(value) for name, value in vars(self).items() if name != "camera"}
-        camera = {name: np.asarray(value) for name, value in vars(self.camera).items()}
-        return values | {f"{_CAMERA}{name}": value for name, value in camera.items()}
+        return store.flat(self)
 
 
 def read_clip_view(folder: str | Path) -> ClipView:
@@ -61,27 +57,24 @@ def read_clip_view(folder: str | Path) -> ClipView:
 def _view_of(arrays: Mapping[str, np.ndarray]) -> ClipView:
     """The inverse of ClipView.arrays. Raises shapes.MisshapenError for arrays that do not fit each other."""
     sizes = shapes.check(arrays, _LINES)
-    plain: dict[str, Any] = {name: arrays[name].item() if arrays[name].ndim == 0 else arrays[name] for name in _LINES}
-    camera = Camera(**{name.removeprefix(_CAMERA): plain.pop(name) for name in list(plain) if name.startswith(_CAMERA)})
-    shapes.check_camera(camera, sizes)
-    shapes.require(np.isnan(plain["thickness_m"]) or 0 < plain["thickness_m"] < np.inf, "thickness_m must be > 0")
-    return ClipView(camera=camera, **plain)
+    view: ClipView = store.built(ClipView, arrays)
+    shapes.check_camera(view.camera, sizes)
+    shapes.require(np.isnan(view.thickness_m) or 0 < view.thickness_m < np.inf, "thickness_m must be > 0")
+    return view
 
 
-def registered(clip: Clip, settings: Settings) -> tuple[Clip, Settings]:
-    """The clip with the capture's camera and without lens distortion, and settings with the thickness that the capture measured
-    where scene.thickness_m says none. Raises InputError where the capture was made with another clip."""
+def registered(clip: Clip, settings: Settings) -> Clip:
+    """The clip with the capture's camera and the thickness that it measured, and without lens distortion. Raises InputError where the capture was made with another clip."""
     view = _view(settings)
     _require_same(clip, view, settings)
     notes = [*clip.notes, f"camera of the capture {settings.depth.capture}"]
     if view.distortion.any():
         notes.append("lens distortion, as the capture found it, was removed from the images")
-    scene = settings.scene
-    if scene.thickness_m is None and np.isfinite(view.thickness_m):
-        scene = replace(scene, thickness_m=view.thickness_m, thickness_axis=view.thickness_axis.tolist())
+    thickness = Thickness(view.thickness_m, view.thickness_axis) if np.isfinite(view.thickness_m) else None
+    if thickness is not None and settings.scene.thickness_m is None:
         notes.append(f"thickness {1e3 * view.thickness_m:.3g} mm, measured by the capture")
     frames = undistorted(clip.frames, view.camera, view.distortion)
-    return replace(clip, camera=view.camera, frames=frames, notes=tuple(notes)), replace(settings, scene=scene)
+    return replace(clip, camera=view.camera, frames=frames, notes=tuple(notes), thickness=thickness)
 
 
 def undistorted(frames: np.ndarray, camera: Camera, distortion: np.ndarray) -> np.ndarray:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ..config import Settings
-from ..types import IGNORE, Clip
+from ..measured import scene_of
+from ..types import Clip, object_mask
 from .capture import captured_depth, registered
 from .inflate import inflated_depth
 from .network import network_depth
@@ -31,14 +33,14 @@ def surface_depth(clip: Clip, settings: Settings) -> tuple[np.ndarray, DepthSour
     """
     if clip.labels is None:
         raise ValueError("surface_depth needs clip.labels; run segment.label_clip first")
-    mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE)
+    mask, settings = object_mask(clip.labels[0]), replace(settings, scene=scene_of(clip, settings.scene))
     return SOURCES[source_of(clip, settings)](clip, mask, settings)
 
 
-def placed(clip: Clip, settings: Settings) -> tuple[Clip, Settings]:
-    """The clip as every stage after reading takes it, and the settings: where the depth source is a capture, with the capture's camera,
-    without lens distortion and with the thickness measured there (see `registered`); else as they are."""
-    return registered(clip, settings) if source_of(clip, settings) == "capture" else (clip, settings)
+def placed(clip: Clip, settings: Settings) -> Clip:
+    """The clip as every stage after reading takes it: where the depth source is a capture, with the capture's camera, without lens
+    distortion and with the thickness measured there (see `registered`); else as it is."""
+    return registered(clip, settings) if source_of(clip, settings) == "capture" else clip
 
 
 def source_of(clip: Clip, settings: Settings) -> str:

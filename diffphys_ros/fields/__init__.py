@@ -4,7 +4,6 @@ from .box import Box
 from .decoder import Bounds
 from .force import FORCE_FIELDS, ForceField
 from .material import MATERIAL_FIELDS, Believed, Material, MaterialField
-from .parameters import Layout, Unknowns
 from .pretrain import pretrain
 from .smoothness import Smoothness
 
@@ -15,10 +14,8 @@ __all__ = [
     "Bounds",
     "Box",
     "ForceField",
-    "Layout",
     "Material",
     "MaterialField",
     "Smoothness",
-    "Unknowns",
     "pretrain",
 ]

@@ -15,9 +15,9 @@ BORDER = 0.02  # of the bounds' width: a value nearer to an end moves as one so 
 class Decoder(nn.Module):
     """Perceptron of two hidden layers whose output is zero for every input until it is trained."""
 
-    def __init__(self, channels: int, out: int, *, generator: torch.Generator, hidden: int = HIDDEN):
+    def __init__(self, channels: int, out: int, *, generator: torch.Generator):
         super().__init__()
-        self.layers = nn.Sequential(nn.Linear(channels, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, out))
+        self.layers = nn.Sequential(nn.Linear(channels, HIDDEN), nn.SiLU(), nn.Linear(HIDDEN, HIDDEN), nn.SiLU(), nn.Linear(HIDDEN, out))
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
         with torch.no_grad():
             for layer in linear[:-1]:

@@ -1,11 +1,8 @@
-"""Start values from the body's eigenmodes: forced frames, Young's modulus per part, damping, force.
+"""Engine 1: small motions of a body in a few eigenmodes; linear, milliseconds, with its Jacobian. numpy only.
 
-Reading order: outline, mesh, elements (finite elements of the filled body), interpolation, response, model (its motion in a few
-modes), observation (tracks in a few coordinates), support (forced frames), tail (stiffness), force, spread, start, joint (no free tail).
-scikit-fem is needed by elements alone.
+Reading order: interpolation (in quadratic tetrahedra), response (of damped oscillators), model.
 """
 
 from .model import ModalModel
-from .start import start_values
 
-__all__ = ["ModalModel", "start_values"]
+__all__ = ["ModalModel"]

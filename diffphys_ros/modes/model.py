@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..linear_systems import solved
 from . import interpolation
-from .least import solved
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)

@@ -30,7 +30,7 @@ def dense_points(body: Body, surface: np.ndarray) -> DensePoints:
     spacing belong to nothing and are left out. Raises InputError without any surface point.
     """
     if not len(surface):
-        raise InputError("particles.downsample_ratio: there are 0 Gaussians to take a share of, needs at least 1; set it to 0 for particles on a lattice")
+        raise InputError("experiment.downsample_ratio: there are 0 Gaussians to take a share of, needs at least 1; set it to 0 for particles on a lattice")
     spacing = float(np.sqrt(body.inside.sum() / len(surface))) * body.pitch_m
     interior = fill(body, spacing, 1.0)
     own = interior.own

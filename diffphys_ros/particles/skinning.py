@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+NEIGHBOURS = 14  # particles that carry a point, where there are as many
 SMALLEST_SPREAD = 1e-3  # of the neighbours, relative to their largest, below which a direction is not resolved
 LARGEST_MISS = 0.5  # of its neighbours' width, that a point may lie off the plane that they span
 LARGEST_WEIGHT = 1.5  # beyond it a point lies too far outside its neighbours for a linear fit: they are then taken from further around
@@ -32,14 +33,15 @@ class Binding:
         return torch.einsum("mk,...mkc->...mc", weight, field[..., index, :])
 
 
-def bind(points: np.ndarray, x_rest: np.ndarray, k: int = 14) -> Binding:
-    """Moving-least-squares weights of the k nearest particles x_rest (P, 3) [m] at points (M, 3) [m].
+def bind(points: np.ndarray, x_rest: np.ndarray) -> Binding:
+    """Moving-least-squares weights of the k = NEIGHBOURS nearest particles x_rest (P, 3) [m] at points (M, 3) [m].
 
     Constant and linear fields are reproduced exactly where the neighbours span space (Lancaster and Salkauskas 1981); in a direction that
     they do not span the field is taken as constant. A point far outside is bound to k of the 2 k, 4 k, ... nearest particles, so that it
     goes with a piece of the body about as wide as it is away; where the whole body is not, as a point nearer to it.
     """
-    k, among, tree = min(k, len(x_rest)), 2 * min(k, len(x_rest)), cKDTree(x_rest)
+    k, tree = min(NEIGHBOURS, len(x_rest)), cKDTree(x_rest)
+    among = 2 * k
     found = _bound(points, x_rest, tree, k, k)
     far = np.flatnonzero(_far(found, points, x_rest))
     while len(far) and among < 2 * len(x_rest):

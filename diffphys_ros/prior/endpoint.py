@@ -43,8 +43,8 @@ class Endpoint:
         if not _is_address(self.base_url):
             raise InputError(f"prior.base_url is {short(self.base_url)}, must begin with https:// or http:// and name a host, such as https://api.openai.com/v1")
 
-    def asking(self, messages: Sequence[Message]) -> Generator[None, None, str]:
-        """The text of the answer to a chat; yields every TICK_S while there is none. To close the generator ends the request.
+    def asking(self, messages: Sequence[Message]) -> Generator[float, None, str]:
+        """The text of the answer to a chat; yields 0 every TICK_S while there is none. To close the generator ends the request.
 
         Raises EndpointError, `timeout_s` after the beginning at the latest.
         """
@@ -54,11 +54,11 @@ class Endpoint:
             request.add_unredirected_header("Authorization", f"Bearer {self.key}")
         return _content((yield from self._posted(request)))
 
-    def _posted(self, request: urllib.request.Request) -> Generator[None, None, bytes]:
+    def _posted(self, request: urllib.request.Request) -> Generator[float, None, bytes]:
         line = Line(request, timeout_s=self.timeout_s, largest=LARGEST_ANSWER)
         try:
             while (answer := line.wait(TICK_S)) is None:
-                yield
+                yield 0.0
         except urllib.error.HTTPError as error:
             with closing(error):
                 raise EndpointError(f"the endpoint answered with HTTP status {error.code}", passing=error.code in WAIT_AGAIN) from None

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Generator
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
-from ..config import PriorSettings
+from ..config import Settings
 from ..errors import InputError
 from .cache import Cache, default_folder, key_of
 from .endpoint import Endpoint, EndpointError, Message
@@ -25,17 +24,18 @@ class NoAnswerError(RuntimeError):
     """The model gave nothing that can be used; the message says why in a clause."""
 
 
-def endpoint_of(settings: PriorSettings) -> Endpoint:
+def endpoint_of(settings: Settings) -> Endpoint:
     """The endpoint that the settings name, with the key of its environment variable. Raises InputError."""
-    for name, value in (("prior.base_url", settings.base_url), ("prior.model", settings.model)):
+    prior = settings.prior
+    for name, value, other in (("base_url", prior.base_url, "model"), ("model", prior.model, "base_url")):
         if not value:
-            raise InputError(f"{name} is not set, prior.source model needs it; name an OpenAI-compatible endpoint and one of its models")
-    assert settings.base_url is not None
-    assert settings.model is not None
-    return Endpoint(settings.base_url, settings.model, settings.timeout_s, os.environ.get(settings.api_key_env, "").strip())
+            raise InputError(f"prior.{name} is not set, prior.{other} needs it; name an OpenAI-compatible endpoint and one of its models")
+    assert prior.base_url is not None
+    assert prior.model is not None
+    return Endpoint(prior.base_url, prior.model, settings.experiment.prior_timeout_s, os.environ.get(prior.api_key_env, "").strip())
 
 
-def ask(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings, *, wait: Callable[[float], None] = time.sleep) -> list[Record]:
+def ask(frame: np.ndarray, labels: np.ndarray, settings: Settings, *, wait: Callable[[float], None] = time.sleep) -> list[Record]:
     """What `asking` returns; `wait` hears the pauses before requests that are sent again [s]."""
     steps = asking(frame, labels, settings)
     while True:
@@ -47,19 +47,20 @@ def ask(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings, *, wait:
             wait(pause)
 
 
-def asking(frame: np.ndarray, labels: np.ndarray, settings: PriorSettings) -> Steps:
+def asking(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> Steps:
     """Records of frame 0 (H, W, 3) uint8 RGB with its label image (H, W), from the cache where the same was asked before.
 
     Yields the seconds after which it wants to go on, 0 while the model thinks; to close the generator ends the request. Raises
-    InputError for settings that name no endpoint, NoAnswerError where `prior.attempts` requests gave nothing usable.
+    InputError for settings that name no endpoint, NoAnswerError where `experiment.prior_attempts` requests gave nothing usable.
     """
     endpoint, parts = endpoint_of(settings), int(labels[labels < 255].max(initial=0))
     messages = question(frame, labels)
-    cache, key = Cache(Path(settings.cache) if settings.cache else default_folder()), key_of(endpoint.base_url, endpoint.model, messages)
+    folder = settings.experiment.prior_cache
+    cache, key = Cache(Path(folder) if folder else default_folder()), key_of(endpoint.base_url, endpoint.model, messages)
     remembered = _usable(cache.get(key), parts)
     if remembered is not None:
         return remembered
-    answer, records = yield from _asked(endpoint, messages, parts, settings.attempts)
+    answer, records = yield from _asked(endpoint, messages, parts, settings.experiment.prior_attempts)
     cache.put(key, answer)
     return records
 
@@ -76,7 +77,7 @@ def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: in
     talk, why, pause = list(messages), "", FIRST_WAIT_S
     for attempt in range(attempts):
         try:
-            answer = yield from _answered(endpoint, talk)
+            answer = yield from endpoint.asking(talk)
             return answer, records_of(answer, parts=parts)
         except InputError as error:
             why, talk = f"its answer breaks the contract: {error}", [*messages, *again(answer, str(error))]
@@ -88,15 +89,3 @@ def _asked(endpoint: Endpoint, messages: list[Message], parts: int, attempts: in
                 yield pause
                 pause *= 2
     raise NoAnswerError(why)
-
-
-def _answered(endpoint: Endpoint, talk: list[Message]) -> Generator[float, None, str]:
-    """One request; 0 for every step without an answer."""
-    steps = endpoint.asking(talk)
-    with closing(steps):
-        while True:
-            try:
-                next(steps)
-            except StopIteration as stop:
-                return stop.value
-            yield 0.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..types import IGNORE
+from ..types import object_mask
 from .database import materials
 from .endpoint import Message
 from .records import DENSITY_RANGE, POISSON_RANGE, YOUNG_RANGE, Record, of_model
@@ -43,7 +43,7 @@ EXAMPLES = ("rubber", "wood", "ceramic", "steel", "soft tissue", "green stem", "
 
 def question(frame: np.ndarray, labels: np.ndarray) -> list[Message]:
     """The first message of the chat about frame 0 (H, W, 3) uint8 RGB with its label image (H, W)."""
-    body = (labels > 0) & (labels != IGNORE)
+    body = object_mask(labels)
     images = [np.where(body[..., None], frame, BACKDROP).astype(np.uint8)]
     parts = int(labels[body].max(initial=0))
     if parts > 1:

@@ -31,10 +31,10 @@ class Record:
     part: int | None = None  # part number of the label image; neither box nor part: the whole object
 
 
-def of_material(material: Material, *, name: str = "", part: int | None = None) -> Record:
+def of_material(material: Material, *, part: int | None = None) -> Record:
     """A record with the database's typical values."""
     values = material.young.typical, material.log10_young_sd, material.poisson.typical, material.density.typical
-    return Record(name or material.name, material.name, *values, part=part)
+    return Record(material.name, material.name, *values, part=part)
 
 
 def of_model(entry: Any, origin: str, *, parts: int) -> Record:

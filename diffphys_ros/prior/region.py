@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from ..types import IGNORE, MaterialPrior
-from ..unseen import nearest_known
+from ..inpaint import nearest_known
+from ..types import MaterialPrior, object_mask
 from .records import Record
 
 NOBODY = -1
@@ -19,7 +19,7 @@ def spread(records: list[Record], labels: np.ndarray, *, source: str, notes: tup
     record covers take the nearest one's, and so does what lies off the object, so that points beside the silhouette find a
     material too. Raises InputError where no record touches the object.
     """
-    body = (labels > 0) & (labels != IGNORE)
+    body = object_mask(labels)
     index = np.full(labels.shape, NOBODY, np.int16)
     for k in sorted(range(len(records)), key=lambda k: _rank(records[k])):
         index[_covered(records[k], labels) & body] = k

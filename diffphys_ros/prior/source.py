@@ -1,4 +1,4 @@
-"""Where the prior comes from: one callable per word of prior.source."""
+"""Where the prior comes from: one callable per word of PriorSettings.source."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError, shown
 from ..types import IGNORE, Clip, MaterialPrior
-from .database import UNKNOWN, find, materials
+from .database import UNKNOWN, find
 from .endpoint import TICK_S
 from .model import NoAnswerError, asking
 from .records import Record, of_material
@@ -27,18 +27,15 @@ Source = Callable[[np.ndarray, np.ndarray, Settings], Waiting[MaterialPrior]]
 def from_file(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> Waiting[MaterialPrior]:
     """What a person wrote into prior.file. Raises InputError."""
     yield from ()
-    path = settings.prior.file
-    if path is None:
-        raise InputError("prior.file is not set, prior.source file needs it; give the path of a YAML file with 'parts:'")
-    return spread(read_records(path, parts=_parts(labels)), labels, source="a person's file of materials")
+    assert settings.prior.file is not None
+    return spread(read_records(settings.prior.file, parts=_parts(labels)), labels, source="a person's file of materials")
 
 
 def from_database(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> Waiting[MaterialPrior]:
     """The database's typical values for the names in prior.materials. Raises InputError."""
     yield from ()
     names, parts = settings.prior.materials, _parts(labels)
-    if names is None:
-        raise InputError(f"prior.materials is not set, prior.source database needs it; name one material, or one per part, such as {', '.join(list(materials())[:5])}")
+    assert names is not None
     if len(names) not in (1, parts):
         raise InputError(f"prior.materials has {len(names)} names, must be 1 or {parts} (one per part found); correct the list or segment.max_parts")
     return spread(_of_names(names), labels, source="the material database")
@@ -47,7 +44,7 @@ def from_database(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> 
 def from_model(frame: np.ndarray, labels: np.ndarray, settings: Settings) -> Waiting[MaterialPrior]:
     """What a vision-language model sees in frame 0; the database where it gives nothing usable, with a note that says so."""
     try:
-        records = yield from _in_ticks(asking(frame, labels, settings.prior))
+        records = yield from _in_ticks(asking(frame, labels, settings))
     except NoAnswerError as error:
         names = settings.prior.materials or [UNKNOWN]
         note = f"prior: the model {shown(settings.prior.model)} was of no help ({error}), so the database's values for {', '.join(names)} were taken"
@@ -70,7 +67,7 @@ def material_prior(clip: Clip, settings: Settings) -> MaterialPrior | None:
 
 
 def believing(clip: Clip, settings: Settings) -> Waiting[MaterialPrior | None]:
-    """What is believed of the object's material, by `prior.source`; None for the source none. Yields while a model answers.
+    """What is believed of the object's material, by what `settings.prior` names; None where it names nothing. Yields while a model answers.
 
     Needs `clip.labels`. Raises InputError for settings, a file or names that cannot be used; a model that cannot be reached or
     answers nonsense is no error: the database steps in and a note says so.

@@ -73,10 +73,6 @@ class Stream:
         """A colour image, uint8 (H, W, 3)."""
         self._rec.log(entity, rr.Image(np.ascontiguousarray(rgb)).compress(jpeg_quality=_JPEG_QUALITY))
 
-    def log_jpeg(self, data: bytes, *, entity: str = "world/camera/image/input") -> None:
-        """A colour image that is JPEG or PNG already."""
-        self._rec.log(entity, rr.EncodedImage(contents=data))
-
     def log_rendered(self, rgb: np.ndarray) -> None:
         """A rendered image, uint8 (H, W, 3)."""
         self.log_image(rgb, entity="rendered")
@@ -92,13 +88,13 @@ class Stream:
         xyzw = np.roll(splats.rotation, -1, 1)
         self._rec.log("world/splats", rr.GaussianSplats3D(splats.mean, scales=splats.scale, quaternions=xyzw, colors=colours))
 
-    def log_cloud(self, points: np.ndarray, colours: np.ndarray, *, radius_m: float, entity: str = "world/object") -> None:
+    def log_cloud(self, points: np.ndarray, colours: np.ndarray, *, radius_m: float) -> None:
         """Points (N, 3) [m] with colours, uint8 (N, 3)."""
-        self._rec.log(entity, rr.Points3D(points, colors=colours, radii=radius_m))
+        self._rec.log("world/object", rr.Points3D(points, colors=colours, radii=radius_m))
 
-    def log_arrows(self, points: np.ndarray, vectors: np.ndarray, *, entity: str = "world/force") -> None:
+    def log_arrows(self, points: np.ndarray, vectors: np.ndarray) -> None:
         """Arrows (N, 3), already scaled to metres, from points (N, 3) [m]."""
-        self._rec.log(entity, rr.Arrows3D(origins=points, vectors=vectors, colors=(235, 110, 40)))
+        self._rec.log("world/force", rr.Arrows3D(origins=points, vectors=vectors, colors=(235, 110, 40)))
 
     def log_net_force(self, force: np.ndarray) -> None:
         """Net force (3,) [N] as three time series."""

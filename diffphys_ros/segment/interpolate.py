@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..correspondence import affine_fit
+from ..matching import affine_fit
 from .regions import pixel_grid
 
 STEP_PX = 4  # distance of the pixels at which the motion is evaluated; bilinear between them

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..unseen import scene_behind
+from ..inpaint import scene_behind
 from .interpolate import affine_values
 from .regions import window_of
 

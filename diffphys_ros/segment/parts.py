@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..unseen import nearest_known
+from ..inpaint import nearest_known
 
 WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a share of the root of the object's area
 LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from ..correspondence import Matching, normalised, seed_points, track_pixels
-from ..types import IGNORE
-from ..unseen import nearest_known
+from ..inpaint import nearest_known
+from ..matching import Matching, normalised, seed_points, track_pixels
+from ..types import IGNORE, object_mask
 from .colour import settle_by_colour
 from .interpolate import interpolated_sources
 from .occlude import ColourWitness, DepthWitness, before_the_scene
@@ -86,7 +86,7 @@ def _settled(frame: np.ndarray, by_flow: np.ndarray, by_tracks: np.ndarray, hidd
 
 
 def _object(labels: np.ndarray) -> np.ndarray:
-    return (labels > 0) & (labels != IGNORE)
+    return object_mask(labels)
 
 
 def _warped(first: np.ndarray, source: np.ndarray) -> np.ndarray:

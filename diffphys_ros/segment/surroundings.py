@@ -8,8 +8,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..config import Settings
+from ..inpaint import nearest_known
 from ..types import Clip
-from ..unseen import nearest_known
 from .regions import disc, pixel_grid
 
 STEP = 0.02  # change of depth from one pixel to the next, as a share of the depth, at which a surface ends

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..errors import InputError, SimulationError
-from .forward import INVERTED, LEFT_GRID
+from .substep.forward import INVERTED, LEFT_GRID
 
 CFL = 0.5  # c_p dt / dx
 DIFFUSION = 0.25  # viscosity dt / (density dx^2); explicit transfers blow up at 0.4 to 0.6

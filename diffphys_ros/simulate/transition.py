@@ -17,10 +17,11 @@ from .borders import Borders, Handle, Plane
 from .force_lattice import ForceLattice
 from .handle import node_motion, substep_poses
 from .laws import LAWS, VISCOSITY, constants
-from .replay import Replay
+from .run.replay import Replay
 from .stability import max_viscosity, max_young, raise_for_flag
 from .state import State
 
+SETTLING_DAMPING = 25.0  # of the frames that take a body into its static equilibrium [1/s]
 FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
@@ -213,19 +214,18 @@ class Simulator:
         displacement_gradient: Tensor,
         *,
         frames: int = 3,
-        mass_damping: float = 25.0,
         density: Tensor | None = None,
         friction: Tensor | None = None,
     ) -> State:
         """Frame 0 in static equilibrium under gravity: the particles at rest positions, prestressed, still.
 
         `displacement_gradient` (P, 3, 3) is that of the static sag under gravity, so that rest positions are where
-        the body hangs, not where it would lie free of stress. A few heavily damped frames (`mass_damping` [1/s]) take
+        the body hangs, not where it would lie free of stress. A few heavily damped frames take
         up what the lattice does otherwise; velocities end at zero. Measure displacements from the state returned.
         """
         state = self.rest(F=torch.eye(3, **self.options) + displacement_gradient)
         for k in range(frames):
-            state = self.frame(state, young, poisson, None, mass_damping, density=density, friction=friction, number=k - frames)
+            state = self.frame(state, young, poisson, None, SETTLING_DAMPING, density=density, friction=friction, number=k - frames)
         return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))
 
     def max_young(self, substeps: int | None = None) -> float:

@@ -1,22 +1,24 @@
-"""The unknowns of the fit: flat discs that slide, turn and stretch on the surface that frame 0 shows."""
+"""The unknowns of the fit to frame 0: flat discs that slide, turn and stretch on the surface that it shows."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
-from ..types import Camera, Splats
-from .primitives import Primitives
+from ..rotations import product, quaternion_of
+from ..types import Camera
+from .primitives import Primitives, Tensors
 from .seed import Blocks, Surface
+from .view import View
 
 SIGMA_PER_SIDE = 0.5  # standard deviation of a new disc over the side of its block
 THICKNESS = 0.1  # over the smaller standard deviation in the plane
 OPACITY = 0.9  # of a new disc
-
-Gaussians = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
+LEAN = 0.06  # slope of depth across the line of sight, in a direction that is new in every step
 
 
 @dataclass(frozen=True)
@@ -25,32 +27,60 @@ class Discs(Primitives):
 
     FREE = ("pixel", "log_scale", "angle", "logit", "color")
 
-    pixel: torch.Tensor  # centre [px], (G, 2)
     log_scale: torch.Tensor  # of the standard deviations in the plane [m], (G, 2)
-    angle: torch.Tensor  # turn about the normal [rad], (G,)
     logit: torch.Tensor  # of the opacity, (G,)
+    pixel: torch.Tensor  # centre [px], (G, 2)
+    angle: torch.Tensor  # turn about the normal [rad], (G,)
     color: torch.Tensor  # RGB, (G, 3)
     depth: torch.Tensor  # fixed [m], (G,)
     frame: torch.Tensor  # fixed: quaternion wxyz of the plane's axes, (G, 4)
     pixel_from_plane: torch.Tensor  # fixed: pixels per displacement along the plane's axes [px/m], (G, 2, 2)
 
+    def standing(self, views: Sequence[View]) -> Callable[[Discs, list[int]], Tensors]:
+        """In the one camera through which they are unknowns."""
+        camera = views[0].camera
+
+        def there(discs: Discs, index: list[int]) -> Tensors:
+            mean, rotation, scale, opacity, color = gaussians(discs, camera)
+            return mean.expand(len(index), -1, -1), rotation.expand(len(index), -1, -1), scale, opacity, color
+
+        return there
+
+    def disturbed(self, camera: Camera, generator: torch.Generator) -> Discs:
+        """Discs overlap, and the nearer one covers the other. Fitted in one order alone, they would lean on it: when the surface turns
+        by a few degrees, every disc covers its neighbour on one side and the texture seems to shift by half a pixel. So each step sees
+        them in the order of a surface that leans some other way."""
+        return leaning(self, camera, LEAN, 2 * torch.pi * float(torch.rand((), generator=generator)))
+
+    def stepped(self, axis: torch.Tensor, length: torch.Tensor) -> Discs:
+        """Slid along an axis of their own, by so many metres."""
+        turn = self.angle + axis * (math.pi / 2)
+        step = torch.stack([turn.cos(), turn.sin()], 1) * length[:, None]
+        return replace(self, pixel=self.pixel + (self.pixel_from_plane @ step[..., None])[..., 0])
+
 
 def discs_of(blocks: Blocks, surface: Surface, device: str) -> Discs:
     """One disc per block."""
-    quaternion = Rotation.from_matrix(surface.axes).as_quat()[:, [3, 0, 1, 2]]
-    scale = np.log(surface.footprint * SIGMA_PER_SIDE * blocks.side[:, None])
-    count = len(scale)
-    logit = np.full(count, np.log(OPACITY / (1 - OPACITY)))
-    arrays = (blocks.centre, scale, np.zeros(count), logit, blocks.color, surface.depth, quaternion, surface.pixel_from_plane)
-    return Discs(*(torch.as_tensor(a, dtype=torch.float32, device=device) for a in arrays))
+    count = len(blocks.centre)
+    arrays = {
+        "pixel": blocks.centre,
+        "log_scale": np.log(surface.footprint * SIGMA_PER_SIDE * blocks.side[:, None]),
+        "angle": np.zeros(count),
+        "logit": np.full(count, np.log(OPACITY / (1 - OPACITY))),
+        "color": blocks.color,
+        "depth": surface.depth,
+        "frame": quaternion_of(torch.as_tensor(surface.axes)),
+        "pixel_from_plane": surface.pixel_from_plane,
+    }
+    return Discs(**{name: torch.as_tensor(a, dtype=torch.float32, device=device) for name, a in arrays.items()})
 
 
-def gaussians(discs: Discs, camera: Camera) -> Gaussians:
+def gaussians(discs: Discs, camera: Camera) -> Tensors:
     """Mean, rotation, scale, opacity and colour as the renderer takes them; differentiable."""
     pose, inverse = (discs.pixel.new_tensor(a) for a in (camera.world_from_camera, np.linalg.inv(camera.pixel_from_camera)))
     rays = torch.cat([discs.pixel, torch.ones_like(discs.pixel[:, :1])], 1) @ inverse.T @ pose[:3, :3].T
-    half = discs.angle / 2
-    rotation = _turned(discs.frame, torch.cos(half), torch.sin(half))
+    half, none = discs.angle / 2, torch.zeros_like(discs.angle)
+    rotation = product(discs.frame, torch.stack([torch.cos(half), none, none, torch.sin(half)], -1))
     scale = discs.log_scale.exp()
     thickness = THICKNESS * scale.detach().amin(1, keepdim=True)
     return pose[:3, 3] + rays * discs.depth[:, None], rotation, torch.cat([scale, thickness], 1), discs.logit.sigmoid(), discs.color
@@ -63,16 +93,3 @@ def leaning(discs: Discs, camera: Camera, slope: float, towards_rad: float) -> D
     across = (discs.pixel.detach() - discs.pixel.detach().mean(0)) @ direction / camera.focal_px
     factor = 1 + slope * across
     return replace(discs, depth=discs.depth * factor, log_scale=discs.log_scale + factor.log()[:, None])
-
-
-def to_splats(discs: Discs, camera: Camera) -> Splats:
-    """The discs as data."""
-    with torch.no_grad():
-        mean, rotation, scale, opacity, color = gaussians(discs, camera)
-    return Splats(*(t.detach().cpu().numpy() for t in (mean, rotation, scale, opacity, color)))
-
-
-def _turned(q: torch.Tensor, cosine: torch.Tensor, sine: torch.Tensor) -> torch.Tensor:
-    """Quaternion product q * (cosine, 0, 0, sine): a turn about the local third axis."""
-    w, x, y, z = q.unbind(-1)
-    return torch.stack([w * cosine - z * sine, x * cosine + y * sine, y * cosine - x * sine, z * cosine + w * sine], -1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,10 @@ import torch
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
+from ..rotations import product, rotated
 from ..types import Splats
-from .primitives import Primitives
+from .primitives import Primitives, Tensors, as_splats
+from .view import View
 
 NEIGHBOURS = 3  # whose distance sizes a Gaussian of a point (Kerbl et al. 2023, 5.1)
 POINT_OPACITY = 0.5  # of a Gaussian of a point
@@ -23,10 +26,10 @@ class Ellipsoids(Primitives):
 
     FREE = ("offset", "log_scale", "rotation", "logit", "color")
 
-    offset: torch.Tensor  # of the mean from the anchor [size], (G, 3)
     log_scale: torch.Tensor  # of the standard deviations [m], (G, 3)
-    rotation: torch.Tensor  # quaternion wxyz of any norm, (G, 4)
     logit: torch.Tensor  # of the opacity, (G,)
+    offset: torch.Tensor  # of the mean from the anchor [size], (G, 3)
+    rotation: torch.Tensor  # quaternion wxyz of any norm, (G, 4)
     color: torch.Tensor  # RGB, (G, 3)
     anchor: torch.Tensor  # fixed [m], (G, 3)
     size: torch.Tensor  # fixed [m], (G, 1)
@@ -42,6 +45,48 @@ class Ellipsoids(Primitives):
         size = self.log_scale.detach().mean(1, keepdim=True).exp()
         unit = torch.nn.functional.normalize(self.rotation.detach(), dim=1)
         return super(Ellipsoids, replace(self, offset=torch.zeros_like(anchor), rotation=unit, anchor=anchor, size=size)).leaves()
+
+    def standing(self, views: Sequence[View]) -> Callable[[Ellipsoids, list[int]], Tensors]:
+        """Each moves with its anchor; where the anchors are is asked now."""
+        place, turn = _carried(self.anchor, views)
+
+        def there(e: Ellipsoids, index: list[int]) -> Tensors:
+            mean, rotation = place[index], e.rotation.expand(len(index), *e.rotation.shape)
+            if turn is None:
+                mean = mean + e.shift
+            else:
+                mean, rotation = mean + rotated(turn[index], e.shift.expand(mean.shape)), product(turn[index], rotation)
+            return mean, rotation, e.log_scale.exp(), e.logit.sigmoid(), e.color
+
+        return there
+
+    @property
+    def unmoved(self) -> Ellipsoids:
+        """With their means at their anchors."""
+        return replace(self, offset=torch.zeros_like(self.offset))
+
+    def stepped(self, axis: torch.Tensor, length: torch.Tensor) -> Ellipsoids:
+        """Moved along an axis of their own, by so many metres."""
+        along = torch.zeros_like(self.anchor)
+        along[torch.arange(len(self), device=axis.device), axis] = length
+        return replace(self, offset=self.offset + rotated(torch.nn.functional.normalize(self.rotation, dim=1), along) / self.size)
+
+    @property
+    def halved(self) -> torch.Tensor:
+        """Those larger than the middle one."""
+        longest = self.log_scale.amax(1)
+        return longest > longest.median()
+
+
+def _carried(anchor: torch.Tensor, views: Sequence[View]) -> tuple[torch.Tensor, torch.Tensor | None]:
+    """Where anchors (G, 3) [m] are in the views, (V, G, 3), and their turn, wxyz, (V, G, 4); None where no view moves."""
+    moves = [view.motion for view in views]
+    if all(move is None for move in moves):
+        return anchor.expand(len(moves), *anchor.shape), None
+    still = torch.zeros_like(anchor), anchor.new_tensor([1.0, 0, 0, 0]).expand(len(anchor), 4)
+    with torch.no_grad():
+        shift, turn = zip(*(still if move is None else move(anchor) for move in moves), strict=True)
+    return anchor + torch.stack(shift), torch.stack(turn)
 
 
 def from_points(points: np.ndarray, colors: np.ndarray) -> Splats:
@@ -62,25 +107,11 @@ def ellipsoids_of(splats: Splats, device: str) -> Ellipsoids:
     """Gaussians as unknowns."""
     mean, rotation, scale, opacity, color = (torch.as_tensor(a, dtype=torch.float32, device=device) for a in vars(splats).values())
     logit = torch.logit(opacity.clamp(*OPACITY_RANGE))
-    return Ellipsoids(torch.zeros_like(mean), scale.log(), rotation, logit, color, mean, torch.ones_like(mean[:, :1])).leaves()
+    return Ellipsoids(scale.log(), logit, torch.zeros_like(mean), rotation, color, mean, torch.ones_like(mean[:, :1])).leaves()
 
 
 def to_splats(ellipsoids: Ellipsoids) -> Splats:
-    """The Gaussians as data."""
+    """The Gaussians of frame 0 as data."""
     e = ellipsoids
     rotation = torch.nn.functional.normalize(e.rotation, dim=1)
-    tensors = (e.anchor + e.shift, rotation, e.log_scale.exp(), e.logit.sigmoid(), e.color.clamp(0, 1))
-    return Splats(*(t.detach().cpu().numpy() for t in tensors))
-
-
-def product(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Quaternion product (..., 4), wxyz."""
-    w, v, scalar, vector = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
-    real = w * scalar - (v * vector).sum(-1, keepdim=True)
-    return torch.cat([real, w * vector + scalar * v + torch.linalg.cross(v, vector)], -1)
-
-
-def rotated(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-    """Vectors (..., 3) turned by unit quaternions wxyz (..., 4)."""
-    twice = 2 * torch.linalg.cross(q[..., 1:], v)
-    return v + q[..., :1] * twice + torch.linalg.cross(q[..., 1:], twice)
+    return as_splats((e.anchor + e.shift, rotation, e.log_scale.exp(), e.logit.sigmoid(), e.color.clamp(0, 1)))

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, median_filter
 
 from ..errors import InputError
+from ..inpaint import nearest_known
 from ..types import Camera
-from ..unseen import nearest_known
 
 COARSEST_PX = 4  # side of the largest block where the count allows it; a power of two
 BLOCKS_DB = 32.0  # nearness of the first blocks' flat colours to the picture, where the count is chosen

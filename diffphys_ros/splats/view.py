@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 from ..errors import InputError
-from ..losses import foreground, image_loss
-from ..types import Camera
-from ..unseen import nearest_known
+from ..inpaint import nearest_known
+from ..metrics.image import image_loss
+from ..types import Camera, object_mask
 
 ALPHA_WEIGHT = 1.0  # of the squared difference between alpha and mask
 
@@ -32,7 +32,7 @@ class View:
     @property
     def mask(self) -> np.ndarray:
         """What the Gaussians must show, bool, shape (H, W)."""
-        return np.ones(self.image.shape[:2], bool) if self.labels is None else foreground(self.labels)
+        return np.ones(self.image.shape[:2], bool) if self.labels is None else object_mask(self.labels)
 
     @property
     def behind(self) -> np.ndarray:

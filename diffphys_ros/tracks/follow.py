@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..config import Settings
-from ..correspondence import Matching, normalised, seed_points, track_pixels
 from ..errors import InputError
-from ..types import IGNORE, Clip, Tracks
+from ..matching import Matching, normalised, seed_points, track_pixels
+from ..types import Clip, Tracks, object_mask
 from .coherence import settled
 from .lift import points_from_depth, points_on_planes, without_oddities
 from .noise import displacement_noise, position_sd, track_residuals
@@ -37,11 +37,11 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     if clip.labels is None:
         raise ValueError("follow needs clip.labels; run segment.label_clip first")
     images = [normalised(frame) for frame in clip.frames]
-    mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE) & (depth0 > 0)
-    start = seed_points(images[0], mask, spacing_px=settings.tracks.spacing_px, most=MOST_TRACKS)
-    matching = Matching(settings.tracks.window_px, settings.tracks.round_trip_px)
+    mask = object_mask(clip.labels[0]) & (depth0 > 0)
+    start = seed_points(images[0], mask, spacing_px=settings.experiment.track_spacing_px, most=MOST_TRACKS)
+    matching = Matching(settings.experiment.track_window_px, settings.experiment.track_round_trip_px)
     pixels, valid = track_pixels(images, start, clip.seen, matching)
-    pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=settings.tracks.window_px)
+    pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=settings.experiment.track_window_px)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
     valid = without_oddities(points, valid)
     points, valid = settled(clip, points, valid)
@@ -49,7 +49,7 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     if keep.sum() < LEAST_TRACKS:
         raise InputError(
             f"{clip.source or 'clip'}: {int(keep.sum())} surface points could be followed, at least {LEAST_TRACKS} are needed; "
-            "film a textured object larger in the image, or raise tracks.round_trip_px"
+            "film a textured object larger in the image, or raise experiment.track_round_trip_px"
         )
     residual = track_residuals(points[:, keep], valid[:, keep])
     keep = np.flatnonzero(keep)[residual <= LARGEST_RESIDUAL * np.median(residual)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..correspondence import neighbour_median
-from ..local_plane import plane_depth
+from ..matching import neighbour_median
+from ..surface_plane import plane_depth
 from ..types import Camera, Clip
 
 LEAST_SUPPORT = 0.25  # share of the depth window that must lie on the local plane

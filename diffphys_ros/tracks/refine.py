@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..correspondence import AROUND, affine_motion
+from ..matching import AROUND, affine_motion
 
 SMOOTHING_PX = 1.0  # against sensor noise, and so that a patch read between the pixels is as sharp as one read on them
 ROUNDS = 3  # of Gauss-Newton

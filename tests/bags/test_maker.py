@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diffphys_ros.bags.maker.bar import BAR, CELLS_ACROSS, draw, draw_flat, draw_strip
+from tools.sample_maker.bar import BAR, CELLS_ACROSS, draw, draw_flat, draw_strip
 
 
 @pytest.fixture(scope="module")
 def maker() -> Any:
     try:
-        return importlib.import_module("diffphys_ros.bags.make_sample")
+        return importlib.import_module("tools.sample_maker.__main__")
     except Exception as error:  # mujoco raises what it likes where its renderer's library is missing
         pytest.skip(f"the maker needs mujoco and libosmesa6 ({error})")
 

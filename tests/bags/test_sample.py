@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from diffphys_ros import config
-from diffphys_ros.bags.maker.bar import CFL, FPS, GRID_CELLS, wave_speed
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.types import Clip
+from tools.sample_maker.bar import CFL, FPS, GRID_CELLS, wave_speed
 
 Truth = dict[str, np.ndarray]
 

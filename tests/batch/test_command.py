@@ -24,12 +24,13 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def clips(half_sample: Path, tmp_path: Path) -> Path:
-    """A folder of a clip with its truth and two that break off."""
+    """A folder of a clip with its truth, one that breaks off and one whose settings are wrong, which needs no process to be refused."""
     folder = tmp_path / "clips"
     shutil.copytree(half_sample, folder / "half")
     shutil.copy(sample_folder() / "truth.npz", folder / "half")
     for name in ("spoiled", "torn"):
         broken(folder / name)
+    (folder / "spoiled" / "given.yaml").write_text("scene: {mass_kg: -1}\n")
     return folder
 
 
@@ -41,6 +42,7 @@ def rows(out: Path, stem: str = "summary") -> dict[str, dict[str, str]]:
     return found
 
 
+@pytest.mark.faults
 def test_shards_do_the_clips_once_and_resume_merges_them(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     out = tmp_path / "out"
     words = ["batch", str(clips), "--out", str(out), *QUICK_WORDS]
@@ -75,6 +77,7 @@ def test_shards_do_the_clips_once_and_resume_merges_them(clips: Path, tmp_path: 
 LONG_WORDS = tuple("400" if before == "--fit.iterations" else word for before, word in zip(("", *QUICK_WORDS), QUICK_WORDS, strict=False))
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
 def test_a_batch_that_is_ended_leaves_no_process_and_its_folder_free(clips: Path, tmp_path: Path, number: int) -> None:
     out = tmp_path / "out"
@@ -93,7 +96,7 @@ def test_a_batch_that_is_ended_leaves_no_process_and_its_folder_free(clips: Path
     assert batch.returncode == 130
     assert "0 of 3 clips are done; the same command with --resume goes on" in said
     assert "Traceback" not in told
-    assert {name: row["state"] for name, row in rows(out).items()} == {"half": "interrupted", "spoiled": "waiting", "torn": "waiting"}
+    assert {name: row["state"] for name, row in rows(out).items()} == {"half": "interrupted", "spoiled": "failed", "torn": "waiting"}
     assert json.loads((folder / "status.json").read_text())["state"] == "interrupted"
 
 

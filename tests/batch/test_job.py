@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from diffphys_ros.batch import job as room
 from diffphys_ros.batch.job import Job, Running
+from diffphys_ros.batch.machine import shared_by
 from diffphys_ros.batch.status import Status, read_status, write_status
 from tests.quick_batch import QUICK_WORDS, broken, child_of, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.faults]
 
 
 def made(clip: Path, folder: Path, *, timeout_s: float = 120.0, configs: tuple[str, ...] = (), resume: bool = False) -> Job:
@@ -35,6 +37,15 @@ def begun(half_sample: Path, folder: Path, **options) -> Running:
     running = Running(made(half_sample / "clip.mcap", folder, configs=(str(half_sample / "given.yaml"),), **options))
     wait_for(lambda: running.poll() or running.log.stat().st_size)
     return running
+
+
+def test_clips_that_share_a_machine_tell_each_run_how_many_they_are(tmp_path: Path) -> None:
+    alone = made(tmp_path / "clip.mcap", tmp_path)
+    words = replace(alone, side_by_side=3).recover_words(resume=False)
+    assert words[words.index("--side_by_side") + 1] == "3"
+    assert "--side_by_side" not in alone.recover_words(resume=False)
+    assert [shared_by(workers, 2) for workers in (1, 2, 3, 15)] == [1, 1, 2, 8]
+    assert shared_by(2 * len(os.sched_getaffinity(0)), 0) == 2
 
 
 def test_a_clip_that_is_refused_says_why(tmp_path: Path) -> None:

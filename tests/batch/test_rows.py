@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 from dataclasses import replace
@@ -14,6 +13,7 @@ import pytest
 from diffphys_ros.batch import Status
 from diffphys_ros.batch.status import write_status
 from diffphys_ros.errors import InputError
+from tests.script import loaded
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 DONE = Status(
@@ -24,12 +24,7 @@ DONE = Status(
 
 @pytest.fixture(scope="module")
 def clips() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("clips", ROOT / "benchmarks" / "clips.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(ROOT / "benchmarks" / "clips.py")
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from diffphys_ros.capture import Capture, reconstruct
 from diffphys_ros.config import Settings, build
-from diffphys_ros.recover.progress import Progress
+from diffphys_ros.progress import Progress
 from diffphys_ros.types import Camera
 
 from . import room
@@ -55,6 +55,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     cameras, clip_camera = room.around(9, 150.0), room.camera_from(8.0, 18.0)
     images = room.write_pictures(folder / "images", cameras)
     clip = room.write_clip(folder / "clip.mcap", clip_camera)
-    settings = settings_of(capture__max_gaussians=2000, splats__view_iterations=3)
+    settings = settings_of(capture__max_gaussians=2000, experiment__view_iterations=3)
     capture, _ = run(reconstruct(images, folder / "out", settings, clip))
     return Made(images, clip, folder / "out", settings, cameras, clip_camera, capture)

@@ -10,10 +10,10 @@ import pytest
 
 from diffphys_ros.__main__ import main
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.body import build_body
 from diffphys_ros.capture import load
 from diffphys_ros.config import build
 from diffphys_ros.depth import registered, surface_depth
-from diffphys_ros.particles import build_body
 from diffphys_ros.segment import label_clip
 
 from . import room
@@ -50,7 +50,8 @@ def test_bad_input_is_one_sentence_and_status_2(words: list[str], said: str, mad
 def test_a_video_without_depth_gets_the_bodys_place_and_size_from_the_capture(made: Made) -> None:
     """The box is 0.2 x 0.08 m as seen along y, 0.06 m deep; the thickness is told."""
     known = {"topics.depth": "none", "topics.mask": "/mask", "depth.capture": str(made.out), "scene.thickness_m": 0.06, "scene.thickness_axis": [0.0, 1.0, 0.0]}
-    clip, settings = registered(read_clip(made.clip, build(known)), build(known))
+    settings = build(known)
+    clip = registered(read_clip(made.clip, settings), settings)
     clip = clip.with_labels(label_clip(clip, settings))
     depth, source = surface_depth(clip, settings)
     body = build_body(clip, depth, settings)

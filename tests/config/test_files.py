@@ -18,10 +18,10 @@ def write(folder, text, name="given.yaml"):
 
 
 def test_later_files_win_flags_win_over_files_and_paths_are_relative_to_their_file(tmp_path):
-    write(tmp_path, "scene: {mass_kg: 1.0, first_mask: mask.png}\nfit: {seed: 1}\n", "a.yaml")
-    write(tmp_path, "fit: {seed: 2}\n", "b.yaml")
+    write(tmp_path, "scene: {mass_kg: 1.0, first_mask: mask.png}\nexperiment: {seed: 1}\n", "a.yaml")
+    write(tmp_path, "experiment: {seed: 2}\n", "b.yaml")
     settings = config.layered([tmp_path / "a.yaml", tmp_path / "b.yaml"], {"scene.mass_kg": 2.0})
-    assert (settings.fit.seed, settings.scene.mass_kg) == (2, 2.0)
+    assert (settings.experiment.seed, settings.scene.mass_kg) == (2, 2.0)
     assert settings.scene.first_mask == str(tmp_path / "mask.png")
 
 
@@ -112,8 +112,8 @@ def test_command_line_words_stand_for_what_a_person_means(name, text, value):
 
 @pytest.mark.parametrize("text", ["2020-13-45", "0x_", "!!int foo", "!!timestamp x", "[" * 3000, "1" + "0" * 400, "1e999", "&a 1", "{a: 1}", "\ud800", "nan", ".nan", ""])
 def test_a_word_that_is_no_number_is_refused_for_a_number(text):
-    leaf = config.leaves()["tracks.round_trip_px"]
-    with pytest.raises(InputError, match=r"tracks\.round_trip_px") as caught:
+    leaf = config.leaves()["experiment.track_round_trip_px"]
+    with pytest.raises(InputError, match=r"experiment\.track_round_trip_px") as caught:
         config.build({leaf.name: config.parse_text(leaf, text)}, "command line")
     assert len(str(caught.value)) < 300
 

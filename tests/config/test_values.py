@@ -8,7 +8,7 @@ from diffphys_ros.errors import InputError
 
 
 def test_settings_survive_flattening():
-    settings = config.build({"scene.mass_kg": 0.5, "fit.seed": 3, "scene.gravity_m_s2": [0, 0, -9.81]})
+    settings = config.build({"scene.mass_kg": 0.5, "experiment.seed": 3, "scene.gravity_m_s2": [0, 0, -9.81]})
     assert config.build(config.flat(settings)) == settings
 
 
@@ -48,9 +48,9 @@ def test_every_setting_has_a_doc_and_numbers_with_dimension_name_their_unit():
         ("fit.device", "cuda:", "must be auto, cpu or cuda:0"),
         ("scene.thickness_axis", [0, 0.0, 0], "must have a direction; give a world axis"),
         ("scene.clamp_box_m", [1e308] * 6, "must be in -1e+06 .. 1e+06 m"),
-        ("fit.seed", 1.5, "must be a whole number"),
-        ("fit.schedule", "magic", "must be one of auto, modes, joint"),
-        ("fit.seed", None, "must not be null"),
+        ("experiment.seed", 1.5, "must be a whole number"),
+        ("experiment.schedule", "magic", "must be one of auto, modes, joint"),
+        ("experiment.seed", None, "must not be null"),
     ],
 )
 def test_a_bad_value_is_named_with_its_bound(name, value, words):
@@ -66,7 +66,7 @@ def test_an_empty_word_leaves_an_optional_text_out():
 
 
 def test_a_fit_of_nothing_is_refused():
-    weights = {"fit.image_weight": 0, "fit.track_weight": 0, "fit.depth_weight": 0}
-    with pytest.raises(InputError, match=r"fit\.track_weight, fit\.image_weight, fit\.depth_weight are all 0"):
+    weights = {"experiment.image_weight": 0, "experiment.track_weight": 0, "experiment.depth_weight": 0}
+    with pytest.raises(InputError, match=r"experiment\.track_weight, experiment\.image_weight, experiment\.depth_weight are all 0"):
         config.build(weights)
-    assert config.build(weights | {"fit.track_weight": 0.1})
+    assert config.build(weights | {"experiment.track_weight": 0.1})

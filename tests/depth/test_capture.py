@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from diffphys_ros.config import Scene
 from diffphys_ros.depth import placed, registered, source_of, surface_depth
 from diffphys_ros.depth.capture import FILE, ClipView, read_clip_view
 from diffphys_ros.errors import InputError
+from diffphys_ros.measured import scene_of
 from diffphys_ros.types import Camera, Clip
 from tests.boxes import bar, bar_settings, box_clip, oblique_camera
 
@@ -77,25 +79,27 @@ def test_a_depth_topic_goes_first_unless_the_capture_is_asked_for(clip: Clip, tm
 def test_a_clip_is_placed_by_the_capture_only_where_that_is_the_depth_source(clip: Clip, tmp_path: Path) -> None:
     write(tmp_path, clip)
     settings = of(tmp_path, scene__thickness_m=None)
-    assert placed(clip, settings) == (clip, settings)
+    assert placed(clip, settings) is clip
     asked = of(tmp_path, scene__thickness_m=None, depth__source="capture")
-    assert placed(clip, asked)[1] == registered(clip, asked)[1] != asked
+    assert placed(clip, asked).thickness.extent_m == registered(clip, asked).thickness.extent_m == 0.05
 
 
 def test_a_bare_video_gets_camera_pose_and_thickness(clip: Clip, tmp_path: Path) -> None:
     write(tmp_path, clip)
-    found, settings = registered(unposed(clip), of(tmp_path, scene__thickness_m=None, scene__thickness_axis=None))
+    found = registered(unposed(clip), of(tmp_path, scene__thickness_m=None, scene__thickness_axis=None))
     assert np.array_equal(found.camera.world_from_camera, clip.camera.world_from_camera)
     assert found.camera.pose_known
-    assert settings.scene.thickness_m == 0.05
-    assert settings.scene.thickness_axis == [0.0, 1.0, 0.0]
+    scene = scene_of(found, Scene())
+    assert (scene.thickness_m, scene.thickness_axis) == (0.05, [0.0, 1.0, 0.0])
     assert any("thickness 50 mm" in note for note in found.notes)
 
 
 def test_a_given_thickness_stays_and_one_that_was_not_measured_is_none(clip: Clip, tmp_path: Path) -> None:
     write(tmp_path, clip, thickness_m=np.nan)
-    assert registered(clip, of(tmp_path, scene__thickness_m=0.07))[1].scene.thickness_m == 0.07
-    assert registered(clip, of(tmp_path, scene__thickness_m=None))[1].scene.thickness_m is None
+    settings = of(tmp_path, scene__thickness_m=0.07)
+    assert registered(clip, settings).thickness is None
+    write(tmp_path, clip)
+    assert scene_of(registered(clip, settings), settings.scene).thickness_m == 0.07
 
 
 def test_the_lens_distortion_that_the_capture_found_is_removed_from_every_frame(clip: Clip, tmp_path: Path) -> None:
@@ -104,7 +108,7 @@ def test_the_lens_distortion_that_the_capture_found_is_removed_from_every_frame(
     ideal = cv2.undistortPoints(grid.reshape(-1, 1, 2), matrix, DISTORTION, P=matrix).reshape(*grid.shape)
     bent = np.stack([cv2.remap(frame, ideal, None, cv2.INTER_LINEAR) for frame in clip.frames])
     write(tmp_path, clip, frame=bent[0], distortion=DISTORTION)
-    found, _ = registered(replace(clip, frames=bent), of(tmp_path))
+    found = registered(replace(clip, frames=bent), of(tmp_path))
     inner = np.s_[:, 30:-30, 40:-40]
     before, after = (np.abs(frames.astype(float) - clip.frames)[inner].mean() for frames in (bent, found.frames))
     assert after < 0.4 * before  # what is left is the blur of two interpolations

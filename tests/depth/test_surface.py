@@ -9,7 +9,7 @@ import pytest
 
 from diffphys_ros.depth import surface_depth
 from diffphys_ros.errors import InputError
-from diffphys_ros.local_plane import plane_depth
+from diffphys_ros.surface_plane import plane_depth
 from diffphys_ros.types import Clip
 from tests.boxes import bar, bar_settings, box_clip, camera_at, oblique_camera
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from diffphys_ros.config import PriorSettings, build
+from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
 from diffphys_ros.prior import material_prior
 from diffphys_ros.prior.cache import Cache, key_of
@@ -127,14 +127,14 @@ def check_prior(prior: MaterialPrior | None) -> None:
         assert len(note) < LONGEST_SENTENCE, len(note)
 
 
-def asked(url: str, folder: Path, **changes: Any) -> MaterialPrior | None:
-    values = {"source": "model", "base_url": url, "model": "seer-1", "cache": str(folder / "cache"), "timeout_s": TIMEOUT_S, "attempts": 1, **changes}
-    return material_prior(clip(), build({f"prior.{key}": value for key, value in values.items()}))
+def asked(url: str, folder: Path) -> MaterialPrior | None:
+    values = {"prior.base_url": url, "prior.model": "seer-1", "experiment.prior_cache": str(folder / "cache"), "experiment.prior_timeout_s": TIMEOUT_S, "experiment.prior_attempts": 1}
+    return material_prior(clip(), build(values))
 
 
 def by_cache(rng: np.random.Generator, folder: Path) -> str:
     """A poisoned file where the answer to this very question would stand; what is not read from it is asked of a server that is not there."""
-    settings = PriorSettings(base_url="http://127.0.0.1:9/v1", model="seer-1")
+    settings = build({"prior.base_url": "http://127.0.0.1:9/v1", "prior.model": "seer-1"})
     endpoint = endpoint_of(settings)
     key = key_of(endpoint.base_url, endpoint.model, question(clip().frames[0], clip().labels[0]))
     cache = Cache(folder / "cache")
@@ -180,7 +180,7 @@ def by_file(rng: np.random.Generator, folder: Path) -> str:
     try:
         check(read_records(path, parts=PARTS))
         if rng.random() < 0.5:
-            check_prior(material_prior(clip(), build({"prior.source": "file", "prior.file": str(path)})))
+            check_prior(material_prior(clip(), build({"prior.file": str(path)})))
     except InputError as error:
         return checked_sentence(error)
     return "taken"

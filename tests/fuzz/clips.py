@@ -17,7 +17,7 @@ from diffphys_ros.bags.camera import camera_from_fov, camera_from_info, undistor
 from diffphys_ros.errors import InputError
 from diffphys_ros.segment import label_clip
 from diffphys_ros.tracks import follow
-from diffphys_ros.types import IGNORE, Camera, Clip, Tracks
+from diffphys_ros.types import Camera, Clip, Tracks, object_mask
 
 COUNT = 10_000
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 33_333_333
@@ -32,7 +32,7 @@ def case(seed: int, folder: Path) -> str:
     try:
         clip, settings = _clip(rng), _settings(rng, folder)
         clip = clip.with_labels(_checked_labels(label_clip(clip, settings), clip))
-        mask = (clip.labels[0] > 0) & (clip.labels[0] != IGNORE)
+        mask = object_mask(clip.labels[0])
         _check_tracks(follow(clip, _surface(rng, clip, mask), settings), clip)
     except InputError as error:
         text = str(error)
@@ -198,8 +198,8 @@ def _settings(rng: np.random.Generator, folder: Path) -> config.Settings:
     if rng.random() < 0.3:
         values["scene.thickness_axis"] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1e-9]][int(rng.integers(3))]
     values["segment.max_parts"] = int(rng.choice([1, 3, 8]))
-    values["tracks.spacing_px"] = int(rng.choice([1, 2, 4, 64]))
-    values["tracks.window_px"] = int(rng.choice([5, 9, 15, 63], p=[0.45, 0.25, 0.27, 0.03]))
+    values["experiment.track_spacing_px"] = int(rng.choice([1, 2, 4, 64]))
+    values["experiment.track_window_px"] = int(rng.choice([5, 9, 15, 63], p=[0.45, 0.25, 0.27, 0.03]))
     return config.build(values)
 
 

@@ -21,12 +21,14 @@ import torch
 from diffphys_ros import config, result, score, shapes, store
 from diffphys_ros.depth.capture import FILE, ClipView, read_clip_view
 from diffphys_ros.errors import InputError
-from diffphys_ros.lpips import ALEX, Lpips
-from diffphys_ros.recover.checkpoint import Checkpoint
-from diffphys_ros.recover.prepare import Prepared
+from diffphys_ros.inverse.checkpoint import Checkpoint, Stored
+from diffphys_ros.inverse.descent import Descent
+from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.inverse.unknowns import Layout
+from diffphys_ros.metrics.lpips import ALEX, Lpips
 from tests.conftest import make_clip, make_recovery
+from tests.inverse.test_checkpoint import SETTINGS, written
 from tests.prepared import make_prepared
-from tests.recover.test_checkpoint import PARTS, SETTINGS, SIZE, state, written
 
 COUNT = 25_000
 KINDS = ("f8", "f4", "f2", "i8", "u1", "i1", "?", "c16", "U3", "S2", ">f8", "M8[s]", "O")
@@ -286,12 +288,25 @@ def read_recovery(path: Path) -> None:
     assert np.isfinite(recovery.young_solver).all()
 
 
+@cache
+def layout() -> Layout:
+    prepared = make_prepared(make_clip())
+    return Layout.of(prepared.start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.ones((2, prepared.modal.modes)), held=())
+
+
+def state() -> Stored:
+    rng = np.random.default_rng(0)
+    descent = Descent(rng.normal(size=6), 0.4, rng.normal(size=6), rng.normal(size=(2, 6)), rng.normal(size=(2, 6)), 3, 1)
+    return Stored(1, rng.normal(size=layout().size), descent, np.full(layout().parts, 1e5), {"fit": [0.9, 0.5], "fields": [0.5, 0.4]})
+
+
 def read_checkpoint(path: Path) -> None:
     checkpoint = Checkpoint(path, resume=True)
     checkpoint.bind(make_clip(), SETTINGS)
-    found = checkpoint.load(SIZE, PARTS)
+    found = checkpoint.load(layout(), 3)
     assert found is not None
-    assert np.array_equal(found.state.z, state().state.z), "other numbers were taken"
+    assert np.array_equal(found.z, state().z), "other numbers were taken"
+    assert np.array_equal(found.descent.steps, state().descent.steps), "other numbers were taken"
 
 
 def read_prepared(path: Path) -> None:

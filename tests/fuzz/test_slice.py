@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.faults
 ROOT = Path(__file__).resolve().parents[2]
 NOT_DOORS = ("_", "test_", "conftest")
 DOORS = sorted(path.stem for path in Path(__file__).parent.glob("*.py") if not path.stem.startswith(NOT_DOORS))

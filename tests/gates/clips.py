@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from diffphys_ros import config
-from diffphys_ros.bags.maker.messages import clip_messages
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.types import Clip
+from tools.sample_maker.messages import clip_messages
 
 FADES = (3, 10)  # frames between which the light on the object goes
 LEFT = 0.6  # of it
@@ -69,5 +69,6 @@ def _written(source: Path, folder: Path, clip: Clip, frames: np.ndarray, depth: 
     assert depth is not None
     write_recording(folder / "clip.mcap", clip_messages(clip.camera, frames, depth))
     for name in ("given.yaml", "mask0.png", "truth.npz"):
-        shutil.copy(source / name, folder / name)
+        if (source / name).exists():
+            shutil.copy(source / name, folder / name)
     return folder

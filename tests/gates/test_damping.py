@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from .conftest import Recover
 
-FINER = ("--particles.cells", "4", "--fit.image_weight", "0", "--fit.depth_weight", "0", "--fit.iterations", "3", "--splats.iterations", "5", "--splats.max_count", "100")
+TRACKS_ALONE = ("--experiment.image_weight", "0", "--experiment.depth_weight", "0", "--fit.iterations", "3", "--experiment.splat_iterations", "5", "--splats.max_count", "100")
 
 
 def test_both_swings_are_braked_as_they_were(recovered: Recover) -> None:
-    answer = recovered("flat", *FINER)
+    answer = recovered("flat", *TRACKS_ALONE)
     assert answer.trajectory_error < 0.07
     assert abs(answer.log10_young_error[0]) < 0.03
     assert answer.metrics["refined"]

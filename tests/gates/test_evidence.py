@@ -6,8 +6,8 @@ from .conftest import Answer, Recover
 from .test_strip import COSINE, YOUNG
 
 FALSE_FORCE = 0.1  # twice that of all evidence together
-TRACKS, DEPTH, IMAGES = "--fit.track_weight", "--fit.depth_weight", "--fit.image_weight"
-NO_PICTURES = ("--splats.iterations", "5", "--splats.max_count", "100")
+TRACKS, DEPTH, IMAGES = "--experiment.track_weight", "--experiment.depth_weight", "--experiment.image_weight"
+NO_PICTURES = ("--experiment.splat_iterations", "5", "--splats.max_count", "100")
 FEW_GAUSSIANS = ("--splats.max_count", "60")  # so large that each must turn with the strip
 POINTS, SURFACE, PICTURE = 0.06, 0.12, 0.15  # bounds of the trajectory's error by tracks, depth and colours alone
 
@@ -21,16 +21,16 @@ def check(answer: Answer, trajectory: float) -> None:
 
 
 def test_tracks_alone_recover_the_strip(recovered: Recover) -> None:
-    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "6", *NO_PICTURES), POINTS)
+    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "5", *NO_PICTURES), POINTS)
 
 
 def test_depth_alone_recovers_the_strip(recovered: Recover) -> None:
-    check(recovered("strip", TRACKS, "0", IMAGES, "0", DEPTH, "1", "--fit.iterations", "8", "--fit.image_every", "5"), SURFACE)
+    check(recovered("strip", TRACKS, "0", IMAGES, "0", DEPTH, "1", "--fit.iterations", "6", "--experiment.image_every", "5"), SURFACE)
 
 
 def test_squared_colour_differences_alone_recover_the_strip_with_gaussians_that_turn(recovered: Recover) -> None:
-    check(recovered("strip", TRACKS, "0", DEPTH, "0", "--fit.ssim_weight", "0", "--fit.iterations", "10", *FEW_GAUSSIANS), PICTURE)
+    check(recovered("strip", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "0", "--fit.iterations", "10", *FEW_GAUSSIANS), PICTURE)
 
 
 def test_structural_similarity_alone_recovers_the_strip_though_its_light_fades(recovered: Recover) -> None:
-    check(recovered("fading", TRACKS, "0", DEPTH, "0", "--fit.ssim_weight", "1000", "--fit.iterations", "4", *FEW_GAUSSIANS), PICTURE)
+    check(recovered("fading", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "1000", "--fit.iterations", "4", *FEW_GAUSSIANS), PICTURE)

@@ -18,7 +18,7 @@ from diffphys_ros.msg_schemas import clouds
 from .conftest import Answer, Recover
 
 OUTLINE_PX = 0.5
-GRIDS = 0.02  # of log10 E (docs/accuracy.md)
+GRIDS = 0.02  # of log10 E (docs/measurements/accuracy.md)
 DENSITY = 0.15  # of ln(density), between the parts of one object
 WITHIN = 1.5  # a factor on either side: half and twice the spread lie beyond
 

@@ -7,12 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from diffphys_ros import store
+from diffphys_ros.elements.mesh import solid_mesh
 from diffphys_ros.modes import interpolation
-from diffphys_ros.modes.mesh import solid_mesh
 from diffphys_ros.modes.model import ModalModel
 from diffphys_ros.modes.response import Step
-
-from .made import BETA, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion
+from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ def environment(domain: int) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "2",  # equal bits must not hang on a single thread
+        "OMP_WAIT_POLICY": "passive",  # the second thread must not spin while the machine is busy
     }
     return os.environ | own
 

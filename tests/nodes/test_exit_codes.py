@@ -12,6 +12,7 @@ import pytest
 
 from .processes import ROOT, Domain
 
+pytestmark = pytest.mark.faults
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
 

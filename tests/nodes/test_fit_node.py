@@ -86,25 +86,28 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
     r.until(lambda: not r.node.worker.busy)
 
 
-FEW = {"fit__iterations": 3, "particles__cells": 3, "particles__per_cell": 1.5, "splats__iterations": 3, "splats__max_count": 300, "splats__refine_frames": 2}
+FEW = {"fit__iterations": 3, "particles__cells": 2, "splats__max_count": 300, "splats__refine_frames": 2}
 
 
 def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robot, half_sample, tmp_path):
-    bag = {"bag": half_sample / "clip.mcap", "config": half_sample / "given.yaml", "out": tmp_path, "resume": True}
+    coarse = tmp_path / "coarse.yaml"
+    coarse.write_text("experiment: {per_cell: 2.0, splat_iterations: 3}")
+    files = f"[{half_sample / 'given.yaml'}, {coarse}]"
+    bag = {"bag": half_sample / "clip.mcap", "config": files, "out": tmp_path / "out", "resume": True}
     r = robot(**bag, **FEW)
     r.listen("~/progress")
     r.until(lambda: r.fits(1))
     assert r.call("cancel").success
     r.until(lambda: r.node.state == "cancelled")
-    assert (tmp_path / "checkpoint.npz").exists()
+    assert (tmp_path / "out" / "checkpoint.npz").exists()
     r.heard["~/progress"].clear()
     assert r.call("fit").success
     r.until(lambda: r.node.state == "done")
     assert not r.fits(0)  # the start was not evaluated again
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
-    assert not (tmp_path / "checkpoint.npz").exists()
+    assert not (tmp_path / "out" / "checkpoint.npz").exists()
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):

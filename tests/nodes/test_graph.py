@@ -18,15 +18,23 @@ from diffphys_ros.result import METRICS, RECOVERY
 from .processes import Domain
 
 # The same few iterations on both sides, on a coarse grid; a count that is given makes the fit forget the clock.
-FEW = {"fit__iterations": 1, "particles__cells": 3, "particles__per_cell": 1.5, "splats__iterations": 3, "splats__max_count": 300, "splats__refine_frames": 2}
+FEW = """
+fit: {iterations: 1}
+particles: {cells: 2}
+splats: {max_count: 300, refine_frames: 2}
+experiment: {per_cell: 2.0, splat_iterations: 3}
+"""
 FIT_S = 400.0  # with every kernel compiled for the first time
 WITH_RERUN = find_spec("rerun") is not None
 ANSWER = ("splats", "~/material_field", "~/force_field", "~/quality")
 
 
 @pytest.fixture(scope="module")
-def given(half_sample) -> dict[str, object]:
-    return {"config": half_sample / "given.yaml", **FEW}
+def given(half_sample, tmp_path_factory) -> dict[str, object]:
+    """The same files of settings for every node, whatever it reads of them."""
+    few = tmp_path_factory.mktemp("few") / "few.yaml"
+    few.write_text(FEW)
+    return {"config": f"[{half_sample / 'given.yaml'}, {few}]"}
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +94,7 @@ def five(tmp_path_factory, half_sample, given):
     folder = tmp_path_factory.mktemp("five")
     with Domain(folder) as domain:
         domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"))
-        domain.node("ingest_node", reliability="reliable", silence_s=6.0, config=given["config"])
+        domain.node("ingest_node", reliability="reliable", silence_s=6.0, **given)
         domain.node("fit_node", out=folder / "out", **given)
         domain.node("splat_node", **given)
         domain.node("segment_node", **given)

@@ -25,6 +25,7 @@ from diffphys_ros.types import Splats
 
 from .processes import PATIENCE_S, Domain
 
+pytestmark = pytest.mark.faults
 IMAGE, INFO, POSE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "geometry_msgs/msg/TransformStamped"
 NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", *(["inspect_node"] if find_spec("rerun") else []))
 RAW = {"image": IMAGE, "depth": IMAGE, "mask": IMAGE, "image/compressed": "sensor_msgs/msg/CompressedImage", "camera_info": INFO}

@@ -102,5 +102,5 @@ def test_gaussians_ride_on_sparse_particles_without_error_in_a_linear_motion() -
 
 
 def test_no_gaussians_are_refused() -> None:
-    with pytest.raises(InputError, match=r"particles.downsample_ratio: there are 0 Gaussians .* set it to 0"):
+    with pytest.raises(InputError, match=r"experiment.downsample_ratio: there are 0 Gaussians .* set it to 0"):
         dense_points(made_body(), np.zeros((0, 3)))

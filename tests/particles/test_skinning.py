@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from diffphys_ros.particles import bind, deform_splats
-from diffphys_ros.particles.splats import polar_rotation
 
 RNG_SEED = 3
 
@@ -93,13 +92,6 @@ def test_stretch_moves_gaussians_but_does_not_turn_them(lattice: np.ndarray, poi
     mean, rotation = deform_splats(bind(points, lattice), torch.tensor(points), still, (x0 @ stretch)[None], x0, None)
     assert np.allclose(mean[0], points @ stretch.numpy(), atol=1e-9)
     assert np.allclose(rotation[0], still, atol=1e-7)
-
-
-def test_the_polar_rotation_has_the_gradient_of_central_differences() -> None:
-    matrix = (torch.eye(3, dtype=torch.float64) + 0.2 * torch.tensor(np.random.default_rng(5).normal(size=(3, 3)))).requires_grad_()
-    assert torch.autograd.gradcheck(polar_rotation, (matrix[None],))
-    rotation = polar_rotation(matrix.detach())
-    assert torch.allclose(rotation @ rotation.T, torch.eye(3, dtype=torch.float64), atol=1e-10)
 
 
 @pytest.mark.parametrize("with_gradient", [True, False])

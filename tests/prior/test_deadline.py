@@ -12,7 +12,7 @@ from diffphys_ros.config import build
 from diffphys_ros.prior import believing
 from diffphys_ros.prior.endpoint import Endpoint, EndpointError
 from diffphys_ros.prior.model import NoAnswerError, ask
-from diffphys_ros.recover.progress import waiting
+from diffphys_ros.progress import waiting
 
 from .conftest import GOOD
 from .server import CHUNKED, OK, ChatServer, endless, says, silent, status
@@ -41,8 +41,8 @@ def environment(monkeypatch, tmp_path):
 
 
 def settings(url: str, **changes):
-    values = {"source": "model", "base_url": url, "model": "seer-1", "timeout_s": TIMEOUT_S, "attempts": 1, **changes}
-    return build({f"prior.{k}": v for k, v in values.items()})
+    values = {"prior.base_url": url, "prior.model": "seer-1", "experiment.prior_timeout_s": TIMEOUT_S, "experiment.prior_attempts": 1}
+    return build(values | {f"experiment.prior_{k}" if k in ("timeout_s", "attempts", "cache") else f"prior.{k}": v for k, v in changes.items()})
 
 
 def connections() -> list[threading.Thread]:
@@ -62,7 +62,7 @@ def test_a_request_ends_at_its_deadline_and_its_connection_with_it(frame, labels
     with ChatServer(reply) as server:
         began = time.monotonic()
         with pytest.raises(NoAnswerError, match=r"no whole answer within 0.3 s|no connection"):
-            ask(frame, labels, settings(server.url).prior)
+            ask(frame, labels, settings(server.url))
         assert time.monotonic() - began < MUCH_LATER_S
         assert ended()
 
@@ -70,7 +70,7 @@ def test_a_request_ends_at_its_deadline_and_its_connection_with_it(frame, labels
 def test_a_tls_handshake_that_never_comes_ends_at_the_deadline(frame, labels) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         with pytest.raises(NoAnswerError, match=r"no whole answer within 0.3 s"):
-            ask(frame, labels, settings(f"https://127.0.0.1:{listening.getsockname()[1]}/v1").prior)
+            ask(frame, labels, settings(f"https://127.0.0.1:{listening.getsockname()[1]}/v1"))
         assert ended()
 
 
@@ -78,7 +78,7 @@ def test_a_proxy_that_drips_its_answer_ends_at_the_deadline(frame, labels, monke
     with socket.create_server(("127.0.0.1", 0)) as proxy:
         monkeypatch.setenv("https_proxy", f"http://127.0.0.1:{proxy.getsockname()[1]}")
         with pytest.raises(NoAnswerError, match=r"no whole answer within 0.3 s"):
-            ask(frame, labels, settings("https://model.invalid/v1").prior)
+            ask(frame, labels, settings("https://model.invalid/v1"))
         assert ended()
 
 
@@ -105,7 +105,7 @@ def test_to_stop_iterating_ends_a_pause_between_requests_too(clip) -> None:
 
 def test_an_answer_in_time_is_taken_and_leaves_no_connection(frame, labels) -> None:
     with ChatServer(says(GOOD)) as server:
-        assert len(ask(frame, labels, settings(server.url, timeout_s=60.0).prior)) == 2
+        assert len(ask(frame, labels, settings(server.url, timeout_s=60.0))) == 2
         assert ended()
 
 

@@ -31,13 +31,13 @@ def environment(monkeypatch, tmp_path):
 
 
 def settings(url: str | None, **changes) -> Settings:
-    values = {"source": "model", "base_url": url, "model": "seer-1", "api_key_env": "MY_KEY", "timeout_s": 5.0, **changes}
-    return build({f"prior.{k}": v for k, v in values.items()})
+    values = {"prior.base_url": url, "prior.model": "seer-1", "prior.api_key_env": "MY_KEY", "experiment.prior_timeout_s": 5.0}
+    return build(values | {f"experiment.prior_{k}" if k in ("timeout_s", "attempts", "cache") else f"prior.{k}": v for k, v in changes.items()})
 
 
 def asked(server: ChatServer, frame, labels, **changes):
     waits: list[float] = []
-    records = ask(frame, labels, settings(server.url, **changes).prior, wait=waits.append)
+    records = ask(frame, labels, settings(server.url, **changes), wait=waits.append)
     return records, waits
 
 

@@ -12,22 +12,22 @@ import torch
 from diffphys_ros import result
 from diffphys_ros.config import Settings, build
 from diffphys_ros.errors import InputError
-from diffphys_ros.recover.answer import assemble, linear_answer, simulated_answer
-from diffphys_ros.recover.confidence import of_start
-from diffphys_ros.recover.prepare import Prepared
-from diffphys_ros.recover.solve import Problem, pose_problem
-from diffphys_ros.recover.train import FieldModel
+from diffphys_ros.inverse.answer import assemble, linear_answer, simulated_answer
+from diffphys_ros.inverse.model import Model
+from diffphys_ros.inverse.posterior import of_start
+from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.inverse.problem import Problem, pose_problem
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.types import MpmProblem, Recovery
-from tests.recover.conftest import make_prepared
+from tests.inverse.conftest import make_prepared
 
-COARSE = {"scene.at_rest": True, "particles.cells": 3, "particles.per_cell": 1.5}
+COARSE = {"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5}
 FLOOR_M = 0.25  # under the lowest face of the bar as it is placed
-FIELDS = {"fit.material_field": "residual", "fit.force_field": "voxels", "fit.force_frame": "current"}
+FIELDS = {"fit.material_field": "residual", "fit.force_field": "voxels", "experiment.force_frame": "current"}
 STILL, HEAVY = (0.0, 0.0, 0.0), (0.0, -2.0, -9.81)  # gravity in the body frame
 CASES: dict[str, tuple[tuple[float, ...], dict[str, object]]] = {  # gravity, settings
     "at rest": (STILL, {}),
-    "with ghosts that reach free nodes": (STILL, {"particles.per_cell": 2.0}),
+    "with ghosts that reach free nodes": (STILL, {"experiment.per_cell": 2.0}),
     "under gravity": (HEAVY, {}),
     "moving": (HEAVY, {"scene.at_rest": False}),
     "on a floor": ((0.0, 0.0, -9.81), {"scene.floor_z_m": FLOOR_M}),
@@ -63,15 +63,16 @@ def recovered(prepared: Prepared, name: str) -> Recovery:
     """The result of a search that ended where it began; whichever engine's answer the case is about."""
     problem = pose_problem(prepared, None, build(COARSE | CASES[name][1]))
     with torch.no_grad():
-        terms = roughened(problem)() if name == "with fields" else problem.objective(problem.layout.start)
+        terms = roughened(problem)() if name == "with fields" else Model(problem)()
     core = linear_answer(prepared, problem.disc) if name == "by modes" else simulated_answer(problem.forward, terms)
     substeps = problem.forward.simulator.substeps
     return assemble(prepared, problem.disc, core, None, confidence=of_start(prepared), substeps=substeps, metrics={})
 
 
-def roughened(problem: Problem) -> FieldModel:
+def roughened(problem: Problem) -> Model:
     """Fields that differ from place to place."""
-    model, noise = FieldModel(problem, problem.layout.start), torch.Generator().manual_seed(0)
+    model, noise = Model(problem), torch.Generator().manual_seed(0)
+    model.begin_fields()
     with torch.no_grad():
         for parameter in (*model.material.parameters(), *model.force.parameters()):
             parameter += 0.2 * torch.randn(parameter.shape, generator=noise)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.simulate import Handle, ModalDamping, Plane, Simulator, State
-from diffphys_ros.simulate.program import PROGRAMS, Parallel
+from diffphys_ros.simulate.run.launches import PROGRAMS, Parallel
 
 from .bodies import block, full, simulator
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from diffphys_ros.errors import InputError
 from diffphys_ros.simulate import Handle, Plane, Simulator, State
 from diffphys_ros.simulate.handle import substep_poses, twist_matrix
-from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
+from diffphys_ros.simulate.run.launches import PROGRAMS, Parallel, Serial
 
 from .bodies import block, full, masses, simulator
 from .test_physics import energy

@@ -10,8 +10,8 @@ import warp as wp
 from diffphys_ros.errors import InputError
 from diffphys_ros.simulate import Handle, Plane
 from diffphys_ros.simulate.borders import Borders
-from diffphys_ros.simulate.common import common
-from diffphys_ros.simulate.contact import LANDING, contact
+from diffphys_ros.simulate.substep.common import common
+from diffphys_ros.simulate.substep.contact import LANDING, contact
 
 UP = np.array([0.0, 0.6, 0.8])
 DT, NODES = 0.01, 36

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from diffphys_ros.simulate import Simulator, State
 from diffphys_ros.simulate.laws import LAWS
-from diffphys_ros.simulate.program import PROGRAMS, Parallel, Serial
+from diffphys_ros.simulate.run.launches import PROGRAMS, Parallel, Serial
 
 from . import twin
 from .bodies import block, simulator

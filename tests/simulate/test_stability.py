@@ -10,7 +10,7 @@ import torch
 
 from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.simulate import Simulator, State, max_young, substeps_per_frame
-from diffphys_ros.simulate.plan import Plan
+from diffphys_ros.simulate.run.sizes import Plan
 
 from .bodies import block, full, simulator
 

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from diffphys_ros import config, losses
+from diffphys_ros import config
 from diffphys_ros.errors import InputError
+from diffphys_ros.metrics import image as losses
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.splats import fit_splats, ply
+from diffphys_ros.types import object_mask
 
 from . import made
 
 ORDER_DB = 42
-SETTINGS = config.build({"splats.max_count": 700, "splats.iterations": 60})
+SETTINGS = config.build({"splats.max_count": 700, "experiment.splat_iterations": 60})
 
 
 def finish(steps):
@@ -76,7 +78,7 @@ def test_never_more_gaussians_than_asked_for(fitted):
 
 def test_a_chosen_count_follows_the_detail_of_the_picture(fitted):
     """A picture with a finer pattern is drawn well too, with more Gaussians."""
-    few = config.build({"splats.iterations": 40})
+    few = config.build({"experiment.splat_iterations": 40})
     y, x = np.mgrid[: made.HEIGHT, : made.WIDTH]
     counts = []
     for wavelength_px in (40, 10):
@@ -130,14 +132,14 @@ def test_frame_0_of_a_truth_scene_reaches_35_decibel(scene, scenes):
     from diffphys_ros.bags.read import read_clip
     from diffphys_ros.segment import label_clip
 
-    settings = config.layered([scenes / scene / "given.yaml"], {"splats.iterations": 80})
+    settings = config.layered([scenes / scene / "given.yaml"], {"experiment.splat_iterations": 80})
     clip = read_clip(scenes / scene / "clip.mcap", settings)
     labels = label_clip(clip, settings)[0]
     assert clip.depth is not None
     _, splats = finish(fit_splats(clip.frames[0], labels, clip.depth[0], clip.camera, settings))
     around = torch.as_tensor(np.where((labels > 0)[..., None], clip.frames[0][labels == 0].mean(0), clip.frames[0]) / 255)
     drawn = render(splats, clip.camera, around)[0].astype(float)
-    assert losses.psnr_masked(drawn, clip.frames[0] / 255, losses.foreground(labels)) > 35
+    assert losses.psnr_masked(drawn, clip.frames[0] / 255, object_mask(labels)) > 35
 
 
 @pytest.mark.parametrize("towards_rad", [0.0, np.pi / 2])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
-from diffphys_ros.losses import psnr_masked
+from diffphys_ros.metrics.image import psnr_masked
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.splats import View, fit_views, from_points, ply
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diffphys_ros.correspondence import Matching, affine_motion, normalised, seed_points, track_pixels
+from diffphys_ros.matching import Matching, affine_motion, normalised, seed_points, track_pixels
 from diffphys_ros.tracks.refine import refined
 from diffphys_ros.types import Clip
 from tests.boxes import bar, box_clip, oblique_camera, turned

@@ -1,0 +1,144 @@
+"""The outline of the body seen along its thickness, to a fraction of a pixel, and the height of its front."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import binary_fill_holes, label, median_filter
+
+from ..inpaint import nearest_known
+from ..types import Camera
+
+CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
+FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
+OFF_SURFACE = 0.25  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Square cells in the body's x-y plane. Cell (i, j) has its centre at origin + pitch * (i, j); edges lie on x = 0."""
+
+    origin: np.ndarray  # [m], shape (2,)
+    pitch_m: float
+    shape: tuple[int, int]
+
+    @property
+    def centres(self) -> np.ndarray:
+        """Body x and y of the cell centres [m], shape (nx, ny, 2)."""
+        index = np.stack(np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij"), -1)
+        return self.origin + self.pitch_m * index
+
+
+def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool) -> Raster:
+    """The raster that covers body points (P, 2 or 3) with a margin, starting at x = 0 where the body is clamped there."""
+    margin = 6 * pitch_m
+    low = np.floor((points[:, :2].min(0) - margin) / pitch_m)
+    high = np.ceil((points[:, :2].max(0) + margin) / pitch_m)
+    if from_zero:
+        low[0] = 0
+    return Raster((low + 0.5) * pitch_m, pitch_m, tuple((high - low).astype(int)))
+
+
+def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Bilinear values of an image (H, W) at pixel positions (..., 2); 0 outside."""
+    last = np.array(image.shape[::-1]) - 2
+    corner = np.clip(np.floor(pixels), 0, last).astype(int)
+    inside = ((pixels >= 0) & (pixels <= last + 1)).all(-1)
+    a, b = np.moveaxis(pixels - corner, -1, 0)
+    at = corner[..., 1] * image.shape[1] + corner[..., 0]
+    flat, below = image.ravel(), image.shape[1]
+    upper = flat[at] * (1 - a) + flat[at + 1] * a
+    lower = flat[at + below] * (1 - a) + flat[at + below + 1] * a
+    return np.where(inside, upper * (1 - b) + lower * b, 0.0)
+
+
+def nearest(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Values of an image (H, W) at the pixels nearest to positions (..., 2); 0 outside."""
+    index = np.rint(pixels).astype(int)
+    inside = ((index >= 0) & (index < image.shape[::-1])).all(-1)
+    index = np.where(inside[..., None], index, 0)
+    return np.where(inside, image[index[..., 1], index[..., 0]], 0)
+
+
+def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Height of the visible surface above every raster cell, and which cells lie under it.
+
+    Fixed point: a cell's point at the present height is projected into the image, the depth there puts a hit on that ray, and the
+    hit's height is the next guess. A cell beyond an edge of the front sees the side face behind it, so its guess sinks step by
+    step until the ray misses the object: the outline of the front comes out without being drawn.
+
+    Args:
+        raster: cells in the body's x-y plane.
+        pose: world_from_body (4, 4); z = 0 may lie anywhere.
+        camera: of the image.
+        soft: share of each pixel that the object covers (H, W); the edge is where it passes a half.
+        depth: of the object's surface [m], 0 off the object (H, W).
+        start: first guess of the height, that of the front [m].
+        footprint_m: side of a pixel on the object [m].
+
+    Returns:
+        height [m] (nx, ny), inside bool (nx, ny).
+    """
+    inverse = _extended_inverse(depth)
+    cells = raster.centres.reshape(-1, 2)
+    height, inside = np.full(len(cells), start), np.zeros(len(cells), bool)
+    alive = np.arange(len(cells))
+    miss = np.full(len(cells), np.inf)
+    for _ in range(FIXED_POINT_STEPS):
+        points = np.concatenate([cells[alive], height[alive, None]], -1) @ pose[:3, :3].T + pose[:3, 3]
+        pixels, _ = camera.project(points)
+        seen = sample(soft, pixels) >= 0.5
+        alive, pixels = alive[seen], pixels[seen]
+        hits = (camera.backproject(pixels, 1 / np.maximum(sample(inverse, pixels), 1e-6)) - pose[:3, 3]) @ pose[:3, :3]
+        miss[alive] = np.linalg.norm(hits[:, :2] - cells[alive], axis=-1)
+        height[alive] = hits[:, 2]
+    inside[alive] = miss[alive] < OFF_SURFACE * footprint_m
+    return height.reshape(raster.shape), inside.reshape(raster.shape)
+
+
+def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
+    """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall onto the object (`soft`, see above): the silhouette without depth."""
+    inside = np.ones(raster.shape, bool)
+    for height in heights:
+        cells = np.concatenate([raster.centres, np.full((*raster.shape, 1), height)], -1)
+        inside &= sample(soft, camera.project(cells @ pose[:3, :3].T + pose[:3, 3])[0]) >= 0.5
+    return inside
+
+
+def tidy(inside: np.ndarray) -> np.ndarray:
+    """One region without holes, slits and hairs of a cell's width."""
+    kernel = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(np.pad(inside, 3).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)[3:-3, 3:-3] > 0
+    regions, count = label(binary_fill_holes(opened))
+    return regions == 1 + np.argmax(np.bincount(regions.ravel())[1:]) if count else opened
+
+
+def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolerance: int) -> np.ndarray:
+    """The silhouette continued to x = 0 where something in front hides its root.
+
+    Args:
+        inside: silhouette (nx, ny), x = 0 at the first row's lower edge.
+        hidden: cells (nx, ny) at which the body cannot be seen.
+        reach: longest gap that is closed [cells].
+        tolerance: gap that is closed even where nothing hides it [cells].
+    """
+    filled = inside.copy()
+    start = np.where(inside.any(0), np.argmax(inside, axis=0), len(inside))
+    for j in np.flatnonzero(start <= reach):
+        gap = hidden[: start[j], j]
+        if (~gap).sum() <= tolerance:
+            filled[: start[j], j] = True
+    return filled
+
+
+def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarray:
+    """Height without specks (median over size x size cells)."""
+    return median_filter(nearest_known(height, inside), size, mode="nearest")
+
+
+def _extended_inverse(depth: np.ndarray) -> np.ndarray:
+    """Inverse depth continued beyond the object, so that bilinear reading at its edge does not mix in background."""
+    return nearest_known(np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0.0), depth > 0)

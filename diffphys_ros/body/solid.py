@@ -1,0 +1,91 @@
+"""Silhouette and thickness of the body on its raster."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..config import Scene
+from ..errors import InputError
+from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, smoothed, surface_height, tidy
+from .view import View
+
+FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
+THINNEST = 0.15  # of the largest half thickness: a thinner rim is left out, it carries no load
+HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
+ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
+IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A silhouette extruded symmetrically to a mid-plane."""
+
+    inside: np.ndarray  # bool, shape (nx, ny)
+    half: np.ndarray  # half thickness [m], 0 outside, shape (nx, ny)
+    middle: float  # height of the mid-plane [m]
+    short_m: float = 0.0  # how far the outline ended before the clamped plane, to which it is continued [m]
+
+
+def solid_of(view: View, scene: Scene) -> Solid:
+    """The solid that a view shows. Raises InputError where nothing of it faces the thickness axis."""
+    inside, height = _front(view, scene)
+    if not inside.any():
+        raise InputError(f"{view.source}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
+    short = 0
+    if view.clamp:
+        inside, short = _with_root(view, inside, scene)
+    full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else local_half_width(inside) * view.raster.pitch_m
+    receding = np.clip(view.front - smoothed(height, inside), 0, None)
+    half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
+    inside &= half > THINNEST * half.max()
+    return Solid(inside, np.where(inside, half, 0.0), view.front - float(full.max()), short * view.raster.pitch_m)
+
+
+def _front(view: View, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Silhouette (nx, ny) and height [m] of the front as far as it is seen."""
+    thickness = scene.thickness_m or 0.0
+    if view.measured is None:
+        inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
+        return tidy(inside), np.full(inside.shape, view.front)
+    height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
+    before_middle = view.front - height < (thickness / 2 if thickness else np.inf)
+    return tidy(inside & before_middle), height
+
+
+def _with_root(view: View, inside: np.ndarray, scene: Scene) -> tuple[np.ndarray, int]:
+    """The silhouette continued to the clamp plane within the box's width, where it is hidden or stops short by a few pixels; where all of it
+    stops further off, from there, and how far that is [cells]. Raises InputError where nothing of it lies in front of the box."""
+    assert view.clamp is not None
+    in_box = np.abs(view.raster.centres[0, :, 1]) <= np.abs(view.pose[:3, 1]) @ view.clamp.half_size
+    reach, tolerance = round(HIDDEN_ROOT * float(np.flatnonzero(inside.any(1)).max())), round(ROOT_TOLERANCE_PX * CELLS_PER_PIXEL)
+    grown = np.where(in_box, reaching_clamp(inside, _occluded(view), reach=reach, tolerance=tolerance), inside)
+    if grown[0].any():
+        return grown, 0
+    rows = np.flatnonzero((inside & in_box).any(1))
+    if not len(rows):
+        raise InputError(f"scene.clamp_box_m {scene.clamp_box_m}: nothing of the object lies straight in front of the box; move the box onto the held face (world frame, metres)")
+    short = int(rows[0])
+    return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + tolerance, tolerance=short + tolerance), inside), short
+
+
+def _occluded(view: View) -> np.ndarray:
+    """Cells (nx, ny) of the front before which something else stands; all of them where no depth can tell."""
+    if view.measured is None:
+        return np.ones(view.raster.shape, bool)
+    pixels, depth = view.front_pixels()
+    measured = nearest(view.measured, pixels)
+    return (measured > 0) & (measured < (1 - IN_FRONT) * depth)
+
+
+def local_half_width(inside: np.ndarray) -> np.ndarray:
+    """Radius of the largest disc inside the silhouette that covers each cell [cells], shape (nx, ny) (local thickness)."""
+    radius = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    ridge = (radius >= cv2.dilate(radius, np.ones((3, 3), np.uint8)) - 1e-6) & inside
+    width = radius.copy()
+    centres = np.argwhere(ridge)
+    for i, j in centres[np.argsort(radius[ridge], kind="stable")]:
+        cv2.circle(width, (int(j), int(i)), int(radius[i, j]), float(radius[i, j]), -1)
+    return np.where(inside, width, 0.0)

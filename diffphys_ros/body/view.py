@@ -1,0 +1,97 @@
+"""What frame 0 shows of the object, in the body's axes, before its mid-plane is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ..config import Scene
+from ..errors import InputError
+from ..inpaint import nearest_known
+from ..types import Camera, Clip, object_mask
+from .edges import coverage
+from .frame import Clamp, body_pose, find_clamp, thickness_direction, up_direction
+from .silhouette import CELLS_PER_PIXEL, Raster, raster_over
+
+LEAST_PIXELS = 16
+SMOOTH_PX = 7  # over which a surface is taken to be straight; depth is averaged over as many pixels, so that noise has no memory of it
+SPECK_PX = 5  # side of the window over whose median specks do not rise
+TOP = 0.995  # quantile of the front's heights that is taken for the highest
+TOP_NOISE = 5.0  # standard deviations below it that are still the same level
+
+
+@dataclass(frozen=True)
+class View:
+    """One image of the object and the raster on which its solid is drawn."""
+
+    source: str  # name of the clip, for messages
+    camera: Camera
+    soft: np.ndarray  # share of each pixel that the object covers, shape (H, W)
+    surface: np.ndarray  # depth of the object [m], 0 off it, shape (H, W)
+    measured: np.ndarray | None  # depth of everything in view [m], 0 where unknown, shape (H, W); None without a depth topic
+    pose: np.ndarray  # world_from_body with z = 0 through the clamp's centre, shape (4, 4)
+    raster: Raster
+    front: float  # height of the front face where the body is thickest [m]
+    noise_m: float  # standard deviation of the surface's height
+    footprint_m: float  # side of a pixel on the object
+    clamp: Clamp | None
+
+    def front_pixels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells on the front face."""
+        cells = np.concatenate([self.raster.centres, np.full((*self.raster.shape, 1), self.front)], -1)
+        return self.camera.project(cells @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+
+def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:
+    """Pixels of the object with a depth, bool (H, W)."""
+    return object_mask(labels) & (depth0 > 0)
+
+
+def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> View:
+    """The view of frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
+    v, u = np.nonzero(mask)
+    if len(v) < LEAST_PIXELS:
+        raise InputError(
+            f"{clip.source or 'clip'}: the object covers {len(v)} pixels with depth in frame 0, needs at least {LEAST_PIXELS}; give a larger scene.first_mask"
+        )
+    points = clip.camera.backproject(np.stack([u, v], -1).astype(float), depth0[v, u].astype(float))
+    towards = thickness_direction(scene, clip.camera, points)
+    clamp = find_clamp(scene, points, towards)
+    pose = body_pose(clamp, points, towards, up_direction(scene, clip.camera))
+    footprint = float(np.median(depth0[v, u])) / clip.camera.focal_px
+    seen = (points - pose[:3, 3]) @ pose[:3, :3]
+    height = np.zeros(mask.shape)
+    height[v, u] = seen[:, 2]
+    noise = height_noise(height, mask)
+    return View(
+        source=clip.source or "clip",
+        camera=clip.camera,
+        soft=coverage(clip.frames[0], mask),
+        surface=np.where(mask, depth0, 0.0).astype(float),
+        measured=None if clip.depth is None else clip.depth[0],
+        pose=pose,
+        raster=raster_over(seen, footprint / CELLS_PER_PIXEL, from_zero=clamp is not None),
+        front=front_level(height, mask, noise),
+        noise_m=noise,
+        footprint_m=footprint,
+        clamp=clamp,
+    )
+
+
+def height_noise(height: np.ndarray, mask: np.ndarray) -> float:
+    """Standard deviation of a smooth surface's height (H, W) [m] on the mask: what bends within SMOOTH_PX in one direction of the image or
+    the other, whichever bends less."""
+    found = []
+    for h, known in ((height, mask), (height.T, mask.T)):
+        near, middle, far = (slice(i * SMOOTH_PX, len(h) - (2 - i) * SMOOTH_PX) for i in range(3))
+        bent = (h[near] - 2 * h[middle] + h[far])[known[near] & known[middle] & known[far]]
+        found += [1.4826 * float(np.median(np.abs(bent))) / np.sqrt(6)] if len(bent) else []
+    return min(found, default=0.0)
+
+
+def front_level(height: np.ndarray, mask: np.ndarray, noise_m: float) -> float:
+    """Height of the front where it is highest [m]: that of its top as far as noise spreads it; specks in front do not count."""
+    clean = median_filter(nearest_known(height, mask), SPECK_PX, mode="nearest")[mask]
+    return float(np.median(clean[clean >= np.quantile(clean, TOP) - TOP_NOISE * noise_m]))

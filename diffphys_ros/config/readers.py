@@ -1,0 +1,42 @@
+"""Who reads which settings: a flag or a parameter that would change nothing is refused; a file of settings serves them all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+from ..errors import InputError
+from .leaf import leaves
+
+_FIT = ("scene", "camera", "topics", "segment", "depth", "prior", "particles", "splats", "fit", "metrics", "publish")
+_RECOVER = (*_FIT, "experiment")
+READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {  # groups, and single settings of others
+        "diffphys recover": _RECOVER,
+        "diffphys ingest": _RECOVER,
+        "diffphys batch": _RECOVER,
+        "diffphys capture": ("scene", "camera", "topics", "segment", "depth", "splats", "fit", "capture", "experiment"),
+        "ingest_node": ("topics", "camera"),
+        "segment_node": ("scene", "segment", "depth", "fit.device"),
+        "splat_node": ("scene", "depth", "splats", "fit.device"),
+        "fit_node": (*_FIT, "playback"),
+        "inspect_node": (),
+    }
+)
+
+
+def read_by(reader: str) -> list[str]:
+    """Dotted names of the settings that one of READERS may be given, in the order of the tree."""
+    return [name for name in leaves() if _reads(reader, name)]
+
+
+def require_read(names: Iterable[str], reader: str, origin: str) -> None:
+    """Raises InputError for the first setting of `names` that `reader` does not read; what is no setting is `build`'s to refuse."""
+    for name in names:
+        if name in leaves() and not _reads(reader, name):
+            others = ", ".join(other for other in READERS if _reads(other, name))
+            raise InputError(f"{origin}: {name} is not read here but by {others}; give it there, or in a YAML file of settings")
+
+
+def _reads(reader: str, name: str) -> bool:
+    return bool({name, name.partition(".")[0]} & set(READERS.get(reader, ())))

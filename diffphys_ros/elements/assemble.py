@@ -1,0 +1,171 @@
+"""Finite elements of the solid by scikit-fem: quadratic tetrahedra, stiffness per part, eigenmodes with gravity's prestress.
+
+Small-strain linear elasticity about the shape in frame 0; gravity adds the geometric stiffness of its static stress
+(integral of stress_ij du_k/dx_i dv_k/dx_j), which softens an upright body and stiffens a hanging one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
+from skfem import Basis, BilinearForm, ElementTetP2, ElementVector, MeshTet, asm
+from skfem.helpers import ddot, sym_grad, trace
+
+from ..errors import InputError
+from ..modes.model import ModalModel
+from ..types import Body
+from .mesh import SolidMesh, solid_mesh
+
+STIFFNESS_ORDER, MASS_ORDER = 2, 4  # polynomial degrees that the quadrature integrates exactly
+EIGEN_TOLERANCE = 1e-6
+KEPT = 1e-8  # smallest squared length, after normalisation, of a basis vector that is new
+RIGID_SHIFT = -1.0  # [1/s^2]; moves the rigid motions of a free body off zero
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Assembled matrices over the free degrees of freedom (node by node: x, y, z)."""
+
+    nodes: np.ndarray  # [m], (N, 3)
+    tets: np.ndarray  # (E, 10)
+    part: np.ndarray  # 1..n, (E,)
+    poisson: np.ndarray  # (n,)
+    free: np.ndarray  # degrees of freedom that are not held, (D,)
+    stiffness: list[sp.csc_matrix]  # per part, of E = 1 Pa, (D, D)
+    mass: sp.csc_matrix  # (D, D)
+    push: np.ndarray  # consistent loads of unit force densities along x, y, z, (D, 3)
+    gravity: np.ndarray  # consistent load of the weight [N], (D,)
+    scalar: Basis = field(repr=False)
+
+    @classmethod
+    def of(cls, body: Body, mesh: SolidMesh | None = None) -> Elements:
+        """Elements of a body; of a mesh of your own where given."""
+        mesh = mesh or solid_mesh(body)
+        grid = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
+        scalar = Basis(grid, ElementTetP2(), intorder=MASS_ORDER)
+        nodes, tets = scalar.doflocs.T.copy(), scalar.element_dofs.T.copy()
+        held = np.abs(nodes[:, 0]) < 1e-9 if mesh.clamped else np.zeros(len(nodes), bool)
+        if mesh.clamped and not held.any():
+            raise InputError("the object does not reach its clamped plane; move scene.clamp_box_m onto the held face or correct the mask")
+        free = np.flatnonzero(np.repeat(~held, 3))
+        density = np.asarray(body.density, float)[mesh.part - 1]
+        weighted, plain = (_scalar_mass(scalar, rho) for rho in (density, np.ones(len(tets))))
+        lumped, volume = (np.asarray(m.sum(1)).ravel() for m in (weighted, plain))
+        return cls(
+            nodes,
+            tets,
+            mesh.part,
+            np.asarray(body.poisson, float),
+            free,
+            [_part_stiffness(grid, mesh.part == i + 1, nu, free) for i, nu in enumerate(body.poisson)],
+            sp.kron(weighted, sp.identity(3)).tocsr()[free][:, free].tocsc(),
+            np.kron(volume[:, None], np.eye(3))[free],
+            np.kron(lumped, body.gravity)[free],
+            scalar,
+        )
+
+    @cached_property
+    def heavy(self) -> bool:
+        """Whether gravity acts."""
+        return bool(np.any(self.gravity))
+
+    def elastic(self, young: np.ndarray) -> sp.csc_matrix:
+        """Elastic stiffness (D, D) at Young's moduli (n,) [Pa]."""
+        return sum((e * k for e, k in zip(young, self.stiffness, strict=True)), start=0 * self.mass)
+
+    def geometric(self, young: np.ndarray) -> sp.csc_matrix:
+        """Stiffness (D, D) of the static stress under gravity."""
+        sag = np.zeros(3 * len(self.nodes))
+        sag[self.free] = splu(self.elastic(young), **_SYMMETRIC).solve(self.gravity)
+        basis = self.scalar.with_element(ElementTetP2())
+        slope = np.stack([basis.interpolate(sag[c::3]).grad for c in range(3)])
+        strain = 0.5 * (slope + np.swapaxes(slope, 0, 1))
+        e, nu = np.asarray(young, float)[self.part - 1], self.poisson[self.part - 1]
+        lam, mu = (e * nu / ((1 + nu) * (1 - 2 * nu)))[:, None], (e / (2 * (1 + nu)))[:, None]
+        stress = 2 * mu * strain + lam * trace(strain) * np.eye(3)[:, :, None, None]
+        form = BilinearForm(lambda u, v, w: np.einsum("ij...,i...,j...->...", w.stress, u.grad, v.grad))
+        return sp.kron(asm(form, basis, stress=stress), sp.identity(3)).tocsr()[self.free][:, self.free].tocsc()
+
+    @property
+    def shift(self) -> float:
+        """Spectral shift [1/s^2] at which the stiffness can be inverted: 0 unless the body is free to move rigidly."""
+        return 0.0 if len(self.free) < 3 * len(self.nodes) else RIGID_SHIFT
+
+    def factor(self, matrix: sp.csc_matrix) -> SuperLU:
+        """Factors of the shifted stiffness matrix."""
+        return splu((matrix - self.shift * self.mass).tocsc(), **_SYMMETRIC)
+
+    def eigenmodes(self, matrix: sp.csc_matrix, factor: SuperLU, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The `count` modes nearest to rest of a stiffness matrix and its factors: squared angular frequencies (count,)
+        [1/s^2], rising, and shapes (D, count). Negative squares tell of buckling."""
+        inverse = LinearOperator(matrix.shape, matvec=factor.solve, dtype=float)
+        start = np.random.default_rng(0).standard_normal(len(self.free))
+        count = min(count, len(self.free) - 2)
+        omega2, shapes = eigsh(matrix, count, self.mass, sigma=self.shift, OPinv=inverse, v0=start, tol=EIGEN_TOLERANCE)
+        order = np.argsort(omega2)
+        return omega2[order], shapes[:, order]
+
+
+_SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+
+
+def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
+    form = BilinearForm(lambda u, v, w: w.rho * u * v)
+    return asm(form, basis, rho=np.broadcast_to(density[:, None], basis.dx.shape))
+
+
+def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.ndarray) -> sp.csc_matrix:
+    """Stiffness of the chosen elements at E = 1 Pa over the free degrees of freedom."""
+    basis = Basis(grid, ElementVector(ElementTetP2()), intorder=STIFFNESS_ORDER, elements=np.flatnonzero(chosen))
+    lam, mu = poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
+
+    @BilinearForm
+    def hooke(u, v, _):  # type: ignore[no-untyped-def]
+        a, b = sym_grad(u), sym_grad(v)
+        return lam * trace(a) * trace(b) + 2 * mu * ddot(a, b)
+
+    return asm(hooke, basis).tocsr()[free][:, free].tocsc()
+
+
+def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int], *, loaded: bool = True, varied: int = 0) -> ModalModel:
+    """Ritz model spanned by the lowest `counts[i]` eigenmodes at each of `youngs[i]` (n,) and the static shapes under
+    uniform loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second
+    order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same. varied: of how
+    many of the first's lowest modes the change with every part's modulus is spanned as well, to first order."""
+    geometric = elements.geometric(youngs[0]) if elements.heavy else None
+    loads = np.column_stack([elements.push, elements.gravity[:, None]] if elements.heavy else [elements.push])
+    vectors = []
+    for young, count in zip(youngs, counts, strict=True):
+        matrix = elements.elastic(young) + (geometric if loaded and geometric is not None else 0 * elements.mass)
+        factor = elements.factor(matrix)
+        vectors.append(elements.eigenmodes(matrix, factor, count)[1])
+        if len(vectors) == 1:
+            vectors.append(factor.solve(loads))
+            vectors.extend(factor.solve(k @ vectors[0][:, :varied]) for k in elements.stiffness if varied)
+    basis = _orthonormal(np.column_stack(vectors), elements.mass)
+    full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
+    full[elements.free] = basis
+    model = ModalModel(
+        elements.nodes,
+        elements.tets,
+        elements.part,
+        full.reshape(len(elements.nodes), 3, -1),
+        np.stack([basis.T @ (k @ basis) for k in elements.stiffness]),
+        np.zeros((basis.shape[1],) * 2) if geometric is None else basis.T @ (geometric @ basis),
+        np.zeros((basis.shape[1],) * 2),
+        basis.T @ elements.gravity,
+        np.asarray(youngs[0], float),
+    )
+    return model.rotated(youngs[0])
+
+
+def _orthonormal(vectors: np.ndarray, mass: sp.csc_matrix) -> np.ndarray:
+    """Mass-orthonormal basis of the span of vectors (D, k), near-copies dropped, (D, r)."""
+    vectors = vectors / np.sqrt((vectors * (mass @ vectors)).sum(0))
+    size, mix = np.linalg.eigh(vectors.T @ (mass @ vectors))
+    kept = size > KEPT
+    return vectors @ (mix[:, kept] / np.sqrt(size[kept]))

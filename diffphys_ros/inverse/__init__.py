@@ -1,0 +1,85 @@
+"""The whole job: the only room that sees every stage. The loop reads like the paper's equation 3."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+
+from ..config import Settings
+from ..devices import usable
+from ..progress import Progress, told
+from ..types import Clip, Recovery, Splats
+from .checkpoint import Checkpoint
+from .clock import Clock
+from .frame_metrics import Judge
+from .prepare import label, prepare
+from .prepared import Prepared
+from .refine import refine_gaussians
+from .resolution import time_budget_s
+from .solve import solve
+
+__all__ = ["Checkpoint", "Clock", "Judge", "Prepared", "Progress", "clock_of", "fit_gaussians", "label", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
+
+Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
+
+
+def clock_of(settings: Settings, *, side_by_side: int = 1) -> Clock:
+    """The clock of a run that begins now. Runs that share the machine have so many times the time each, and plan as one that is alone; a run
+    whose iterations are told is not stopped."""
+    return Clock() if settings.fit.iterations else Clock(side_by_side * time_budget_s(settings, usable(settings.fit.device)))
+
+
+def run(
+    source: Clip | str | Path,
+    settings: Settings,
+    *,
+    splats: Splats | None = None,
+    checkpoint: Checkpoint | None = None,
+    clock: Clock | None = None,
+    guess_scale: float = 1.0,
+) -> Steps:
+    """Clip, or the path of a recording, in; fields out. Gaussians of frame 0 are fitted where none are given. The search for start
+    values begins `guess_scale` times off, which it must forget. Yields news, returns (Prepared, Splats, Recovery)."""
+    clock = clock or clock_of(settings)
+    judge = Judge.of(settings, device=usable(settings.fit.device))
+    if not isinstance(source, Clip):
+        from ..bags.read import read_clip
+
+        yield Progress("reading", text=str(source))
+        source = read_clip(source, settings)
+    if checkpoint is not None:
+        checkpoint.bind(source, settings, begun=guess_scale)
+    prepared = yield from prepare(source, settings, guess_scale=guess_scale)
+    return (yield from _solved(prepared, settings, judge, splats, checkpoint, clock))
+
+
+def solve_prepared(
+    prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None, start_scale: float = 1.0
+) -> Steps:
+    """The part of the job that needs only torch, numpy, scipy and Warp. The solver begins `start_scale` times off the start values."""
+    clock = clock or clock_of(settings)
+    judge = Judge.of(settings, device=usable(settings.fit.device))
+    if checkpoint is not None:
+        checkpoint.bind(prepared.clip, settings, begun=start_scale)
+    return (yield from _solved(prepared, settings, judge, None, checkpoint, clock, start_scale))
+
+
+def _solved(
+    prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None, clock: Clock, start_scale: float = 1.0
+) -> Steps:
+    if splats is None:
+        splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
+    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint, clock=clock, start_scale=start_scale)
+    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, clock=clock)
+    return prepared, splats, judge.judged(recovery, prepared)
+
+
+def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
+    """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]."""
+    from ..splats import fit_splats
+
+    assert clip.labels is not None
+    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device))
+    splats = yield from told("splats", steps)
+    yield Progress("splats", text=f"{len(splats.mean)} Gaussians")
+    return splats

@@ -1,0 +1,219 @@
+"""From the end of a search to the Recovery: fields on the body's own particles, world frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..metrics.image import psnr_frozen_frame, psnr_masked, ssim_masked
+from ..particles import held_by
+from ..types import Clip, ModalProblem, MpmProblem, Recovery, object_mask
+from .carried import CarriedGaussians
+from .forward import Discretisation, ForwardModel, Motion
+from .linear import footprint_load, linear_motion
+from .loss import Terms
+from .posterior import Confidence
+from .prepared import Prepared
+
+
+@dataclass(frozen=True)
+class Core:
+    """Physics and motion, body frame, on all particles."""
+
+    young: np.ndarray  # corrected [Pa], (P,)
+    poisson: np.ndarray  # (P,)
+    density: np.ndarray  # [kg/m^3], (P,)
+    displacement: np.ndarray  # from frame 0 [m], (T, P, 3)
+    F: np.ndarray  # since frame 0, (T, P, 3, 3)
+    force: np.ndarray  # amplitude of the family [N/m^3], (T, 3)
+    field_force: np.ndarray | None  # on top of it [N/m^3], (T - 1, P, 3)
+    velocity0: np.ndarray  # [m/s], (P, 3)
+    mass_damping: float  # [1/s]
+    stiffness_damping: float  # [s]
+    simulation: MpmProblem | ModalProblem  # that gave the displacement
+
+    @property
+    def refined(self) -> bool:
+        """Whether the material points made the motion."""
+        return isinstance(self.simulation, MpmProblem)
+
+
+def simulated_answer(forward: ForwardModel, terms: Terms) -> Core:
+    """The refined unknowns and the simulated motion."""
+    disc, motion = forward.disc, terms.motion
+    assert motion is not None
+    unknowns = motion.unknowns
+
+    def array(tensor: torch.Tensor) -> np.ndarray:
+        return as_simulated(tensor).astype(float)
+
+    return Core(
+        array(motion.young) * disc.apparent,
+        disc.particles.poisson if motion.poisson is forward.poisson else array(motion.poisson),
+        disc.particles.density if motion.density is None else array(motion.density),
+        array(motion.displacement),
+        array(motion.F),
+        array(unknowns.force),
+        None if motion.field_force is None else array(motion.field_force),
+        array(motion.start.v),
+        float(unknowns.mass_damping),
+        float(unknowns.stiffness_damping),
+        mpm_problem(forward, motion),
+    )
+
+
+def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
+    """What the simulator was given for this motion, in its own scalar type: converted no further, so that it can be had again."""
+    p, start, damping, planes = forward.disc.particles, motion.start, forward.damping, forward.planes
+    values = {
+        "young": motion.young,
+        "poisson": motion.poisson,
+        "position": start.x,
+        "velocity": start.v,
+        "velocity_gradient": start.C,
+        "deformation_gradient": start.F,
+        "force": motion.unknowns.force,
+        "force_weight": forward.weights,
+        "damping_shapes": damping.shapes,
+        "damping_gradients": damping.gradients,
+        "damping_frequencies": damping.angular_frequencies,
+    }
+    return MpmProblem(
+        ghost=p.ghost,
+        rest=p.x_rest,
+        volume=p.volume,
+        density=p.density if motion.density is None else as_simulated(motion.density).astype(float),
+        **{name: as_simulated(value) for name, value in values.items()},
+        law=forward.law,
+        plane_normal=np.array([plane.normal for plane in planes], float).reshape(-1, 3),
+        plane_offset=np.array([plane.offset_m for plane in planes], float),
+        plane_friction=np.array([plane.friction for plane in planes], float),
+        plane_kind=np.array([plane.kind for plane in planes], str),
+        field_force=None if motion.field_force is None else as_simulated(motion.field_force),
+    )
+
+
+def as_simulated(tensor: torch.Tensor) -> np.ndarray:
+    """The values of a tensor, in its scalar type."""
+    return tensor.detach().cpu().contiguous().numpy()
+
+
+def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
+    """The start values and their linear motion."""
+    start = prepared.start
+    displacement, F = linear_motion(prepared, disc.basis, disc.basis_gradient)
+    velocity0, p = disc.basis @ start.initial_velocity, disc.particles
+    young, damping = start.young[p.part - 1], (start.mass_damping, start.stiffness_damping)
+    return Core(young, p.poisson, p.density, displacement, F, start.force, None, velocity0, *damping, modal_problem(prepared, disc))
+
+
+def modal_problem(prepared: Prepared, disc: Discretisation) -> ModalProblem:
+    """What the start values' linear motion follows from."""
+    start, modal, own = prepared.start, prepared.modal, disc.particles.own
+    return ModalProblem(
+        rest=disc.particles.x_rest[own],
+        young=start.young[disc.particles.part[own] - 1],
+        basis=disc.basis[own],
+        elastic=modal.elastic(start.young),
+        geometric=modal.geometric,
+        retuning=modal.retuning,
+        load=footprint_load(prepared),
+        force=start.force,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+    )
+
+
+def assemble(
+    prepared: Prepared,
+    disc: Discretisation,
+    core: Core,
+    renderer: CarriedGaussians | None,
+    *,
+    confidence: Confidence,
+    substeps: int,
+    metrics: dict[str, object],
+) -> Recovery:
+    """The Recovery with rendered frames and image metrics."""
+    body, start, p, own = prepared.body, prepared.start, disc.particles, disc.particles.own
+    weight = start.footprint.weights(p.x_rest[own])
+    force = body.rotate_to_world(core.force)[:, None] * weight[None, :, None]
+    if core.field_force is not None:
+        force[:-1] += body.rotate_to_world(core.field_force[:, own])
+    trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own])
+    frames = None if renderer is None else renderer.clip(p.x_rest + core.displacement, core.F)
+    part = p.part[own] - 1
+    return Recovery(
+        points=body.to_world(p.x_rest[own]),
+        volume=p.volume[own],
+        part=p.part[own],
+        young=core.young[own],
+        log10_young_sd=confidence.log10_young_sd[part],
+        poisson=core.poisson[own],
+        density=core.density[own],
+        force=force.astype(np.float32),
+        trajectory=trajectory.astype(np.float32),
+        clamped=held_by(disc.grid, p.x_rest[own]),
+        frames=frames,
+        world_from_body=body.world_from_body,
+        gravity=body.gravity,
+        simulation=core.simulation,
+        apparent_stiffness=disc.apparent,
+        grid=disc.grid,
+        period_s=prepared.clip.period_s,
+        substeps=substeps,
+        mass_damping=core.mass_damping,
+        stiffness_damping=core.stiffness_damping,
+        initial_velocity=body.rotate_to_world(core.velocity0[own]),
+        identified=confidence.identified,
+        reasons=confidence.reasons,
+        metrics=metrics | _force_metrics(confidence) | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
+        notes=notes(prepared, confidence),
+        force_identified=confidence.force_identified,
+        force_reason=confidence.force_reason,
+    )
+
+
+def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, object]:
+    """Masked PSNR and SSIM over the run's own object mask of each frame, beside the frozen first frame's."""
+    clip = prepared.clip
+    if frames is None or clip.labels is None:
+        return {}
+    later = [k for k in shown_frames(clip) if k > 0]
+    frozen = [ssim_masked(clip.frames[0], clip.frames[k], object_mask(clip.labels[k])) for k in later]
+    return {
+        **nearness(clip, frames),
+        "psnr_masked_frozen_frame": float(np.mean(psnr_frozen_frame(clip.frames, clip.labels)[[k - 1 for k in later]])),
+        "ssim_masked_frozen_frame": float(np.mean(frozen)),
+    }
+
+
+def nearness(clip: Clip, frames: np.ndarray) -> dict[str, float]:
+    """Masked PSNR and SSIM of rendered frames (T, H, W, 3), means over those that were received and show the object."""
+    assert clip.labels is not None
+    mask, shown = object_mask(clip.labels), shown_frames(clip)
+    return {
+        "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
+        "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
+    }
+
+
+def shown_frames(clip: Clip) -> np.ndarray:
+    """Numbers of the frames that were received and show the object."""
+    assert clip.labels is not None
+    return np.flatnonzero(clip.seen & object_mask(clip.labels).any((1, 2)))
+
+
+def _force_metrics(confidence: Confidence) -> dict[str, object]:
+    return {"force_identified": confidence.force_identified, "force_reason": confidence.force_reason}
+
+
+def notes(prepared: Prepared, confidence: Confidence) -> tuple[str, ...]:
+    """What was assumed and what is not known, one sentence each."""
+    unknown = [f"part {number} is not identified: {why}" for number, (known, why) in enumerate(zip(confidence.identified, confidence.reasons, strict=True), 1) if not known]
+    unknown += [] if confidence.force_identified else [f"the force is not identified: {confidence.force_reason}"]
+    said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
+    of_prior = prepared.prior.notes if prepared.prior else ()
+    return (*unknown, *prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)

@@ -1,0 +1,143 @@
+"""The better explanation of the clip: the simulated motion, or the linear one of the start values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..types import Recovery, StartValues
+from .answer import Core, assemble, linear_answer, simulated_answer
+from .clock import Clock
+from .fit import Fitted
+from .loss import Terms
+from .posterior import Confidence, Explained, of_answer
+from .problem import Problem
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An answer, and how badly it explains the clip."""
+
+    core: Core
+    misfit: float  # in the loss's own terms, without priors
+    track_rms_m: float  # of one coordinate [m]
+
+
+def _candidate(problem: Problem, core: Core) -> Candidate:
+    simulator = problem.forward.simulator
+    x, F = simulator.x_rest + simulator.tensor(core.displacement), simulator.tensor(core.F)
+    return Candidate(core, problem.objective.misfit(x, F), problem.objective.track_rms(x))
+
+
+def answered(fitted: Fitted, clock: Clock) -> Recovery:
+    """The better explanation of the two: the simulated motion, or the linear motion of the start values."""
+    problem, terms = fitted.model.problem, None
+    if np.isfinite(fitted.value):
+        with torch.no_grad():
+            terms = fitted.model()
+    linear = _linear(fitted)
+    simulated = None if terms is None or terms.motion is None or not fitted.simulated else _candidate(problem, simulated_answer(problem.forward, terms))
+    best = linear if simulated is None or linear.misfit < simulated.misfit else simulated
+    metrics = {
+        "refined": best is simulated,
+        "misfit": best.misfit,
+        "misfit_refined": np.inf if simulated is None else simulated.misfit,
+        "misfit_start": linear.misfit,
+        "track_rms_m": best.track_rms_m,
+        "track_rms_refined_m": np.inf if simulated is None else simulated.track_rms_m,
+        "track_rms_start_m": linear.track_rms_m,
+        "track_noise_m": problem.prepared.tracks.noise_m,
+        "loss": {} if terms is None else terms.parts,
+        "loss_history": fitted.losses.get("fit", []),
+        "iterations": max(len(fitted.losses.get("fit", [])) - 1, 0),
+        "not_simulated": _why_not(fitted, clock),
+        "stopped_by_budget": bool(clock.stopped),
+        "cells_over_thickness": problem.plan.cells,
+        "particles_per_cell_and_axis": problem.plan.per_cell,
+        "substeps": problem.forward.simulator.substeps,
+        "apparent_stiffness": problem.disc.apparent,
+        "expected_log10_error_of_grid": problem.disc.expected_log10_error,
+        "young_start_pa": problem.prepared.start.young.tolist(),
+        "young_refined_pa": (problem.layout.young_of(fitted.z) * problem.disc.apparent).tolist(),
+    }
+    if terms is not None and fitted.model.material is not None:
+        metrics["fields"] = _of_fields(fitted, terms)
+    found = assemble(
+        problem.prepared,
+        problem.disc,
+        best.core,
+        problem.renderer,
+        confidence=_confidence(problem, best),
+        substeps=problem.forward.simulator.substeps,
+        metrics=metrics,
+    )
+    return replace(found, notes=(*found.notes, *filter(None, dict.fromkeys((metrics["not_simulated"], clock.stopped)))))
+
+
+def _linear(fitted: Fitted) -> Candidate:
+    """The linear motion of the start values, or of what the linear engine has made of them where that is nearer."""
+    problem = fitted.model.problem
+    begun = _candidate(problem, linear_answer(problem.prepared, problem.disc))
+    if fitted.simulated or not np.isfinite(fitted.value):
+        return begun
+    found = _candidate(problem, linear_answer(replace(problem.prepared, start=_as_start(fitted)), problem.disc))
+    return found if found.misfit < begun.misfit else begun
+
+
+def _as_start(fitted: Fitted) -> StartValues:
+    problem = fitted.model.problem
+    with torch.no_grad():
+        found = problem.layout.unpack(torch.as_tensor(fitted.z), modes=problem.forward.basis.shape[2])
+    return replace(
+        problem.prepared.start,
+        young=found.young.numpy() * problem.disc.apparent,
+        mass_damping=float(found.mass_damping),
+        stiffness_damping=float(found.stiffness_damping),
+        force=found.force.numpy(),
+        initial_displacement=found.initial_displacement.numpy(),
+        initial_velocity=found.initial_velocity.numpy(),
+    )
+
+
+def _why_not(fitted: Fitted, clock: Clock) -> str:
+    """Why there is no simulated motion; empty where there is one."""
+    if fitted.simulated:
+        return ""
+    problem = fitted.model.problem
+    return problem.plan.refusal or clock.stopped or f"not simulated: {problem.objective.failures[-1]}"
+
+
+def _confidence(problem: Problem, answer: Candidate) -> Confidence:
+    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.hessian)
+    return of_answer(problem.prepared, problem.layout, explained, simulated=answer.core.refined)
+
+
+def verdict(recovery: Recovery) -> str:
+    m = recovery.metrics
+    beaten = "not simulated" if m["not_simulated"] else "linear modes explain the clip better than the simulation"
+    kept = "refined by simulation" if m["refined"] else f"start values kept: {beaten}"
+    return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]
+
+
+def _of_fields(fitted: Fitted, terms: Terms) -> dict[str, Any]:
+    """How far the fields went from what constants and vectors ended with."""
+    model, problem = fitted.model, fitted.model.problem
+    assert model.material is not None
+    p, own, zones = problem.disc.particles, problem.disc.particles.own, problem.prepared.zones
+    part = (p.part if zones is None else zones.part[p.part - 1])[own]
+    with torch.no_grad():
+        ratio = (model.material(model.x).young / model.start.young).log10().double().cpu().numpy()
+    acted = None if terms.motion is None else terms.motion.field_force
+    force = np.full((1, len(own)), np.nan) if acted is None else acted[:, own].norm(dim=-1).double().cpu().numpy()
+    return {
+        "material_field": problem.settings.fit.material_field,
+        "force_field": problem.settings.fit.force_field,
+        "force_frame": problem.settings.experiment.force_frame,
+        "loss_history": fitted.losses.get("fields", []),
+        "log10_young_change_per_part": [float(ratio[own][part == k].mean()) for k in np.unique(part)],
+        "log10_young_change_spread": float(ratio[own].std()),
+        "field_force_rms_n_m3": float(np.sqrt((force**2).mean())),
+    }

@@ -1,0 +1,48 @@
+"""The Hessian of the track term by the linear modal model: what makes the first step of the search a good one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Body, Camera
+from .linear import footprint_load
+from .observed import TrackTarget
+from .prepared import Prepared
+from .unknowns import Layout
+
+
+def track_hessian(prepared: Prepared, layout: Layout, target: TrackTarget, *, initial_modes: int) -> np.ndarray:
+    """Gauss-Newton Hessian (size, size) of TrackTarget.loss with respect to z at the start values; 0 where the linear engine knows no
+    derivative."""
+    jacobian = _jacobian(prepared, layout, target, initial_modes) * layout.scale()
+    if target.camera_from_body is not None:
+        jacobian = _across_the_line_of_sight(jacobian, target, prepared.body, prepared.clip.camera)
+    weight = target.weight.cpu().double().numpy()
+    known = np.einsum("tm,tmcs,tmcr->sr", weight, jacobian, jacobian, optimize=True) / (weight.sum() * target.mean_square)
+    return np.pad(known, (0, layout.size - layout.modal))
+
+
+def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_modes: int) -> np.ndarray:
+    start, modal = prepared.start, prepared.modal
+    jacobian = modal.track_jacobian(
+        target.rest_points,
+        start.young,
+        mass_damping=start.mass_damping,
+        stiffness_damping=start.stiffness_damping,
+        footprint=footprint_load(prepared),
+        force=start.force,
+        frames=layout.forced,
+        period_s=prepared.clip.period_s,
+        initial_displacement=start.initial_displacement,
+        initial_velocity=start.initial_velocity,
+        initial_modes=initial_modes,
+    )
+    return jacobian - jacobian[:1]
+
+
+def _across_the_line_of_sight(jacobian: np.ndarray, target: TrackTarget, body: Body, camera: Camera) -> np.ndarray:
+    """Without depth only motion across the rays is compared."""
+    rays = target.rest_points - body.to_body(camera.position)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    along = np.einsum("mc,tmcs->tms", rays, jacobian)
+    return jacobian - rays[None, :, :, None] * along[:, :, None]

@@ -1,0 +1,39 @@
+"""What in a recording contradicts what a recovery takes for granted: a camera that stands, a steady clock, a frame 0 at rest."""
+
+from __future__ import annotations
+
+from ..config import Settings
+from ..types import Body, Clip, Doubt, StartValues, Tracks
+from ..vibration.continuity import jump_after, moving_at_first, swings_off_rest
+from ..vibration.coordinates import Motion, observe
+
+
+def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settings: Settings) -> tuple[Doubt, ...]:
+    """What is to be doubted, worst first; empty for a sound recording. Needs OpenCV."""
+    from ..tracks import camera_motion
+
+    moved = camera_motion(clip, tracks)
+    if moved is not None:
+        return (Doubt(moved.sentence(), of_young=True),)  # what else the tracks seem to say is the camera's
+    motion = observe(body, tracks, clip.camera)
+    return (*_of_clock(motion, at_rest=settings.scene.at_rest), *(_of_rest(motion, clip.period_s, start) if settings.scene.at_rest else ()))
+
+
+def _of_clock(motion: Motion, *, at_rest: bool) -> tuple[Doubt, ...]:
+    frame = jump_after(motion.coordinates, motion.known, at_rest=at_rest, noise_m=motion.noise_m, common_m=motion.coherent_m)
+    if frame is None:
+        return ()
+    text = f"the object jumps between frames {frame} and {frame + 1}, as no push can make it: frames are missing there though the stamps run on; record without gaps"
+    return (Doubt(text, of_young=False),)
+
+
+def _of_rest(motion: Motion, period_s: float, start: StartValues) -> tuple[Doubt, ...]:
+    q, known = motion.coordinates, motion.known
+    if moving_at_first(q, known, common_m=motion.coherent_m):
+        text = "the object moves in frame 0 already, where scene.at_rest says that it rests; begin the clip earlier or set scene.at_rest to false"
+        return (Doubt(text, of_young=True),)
+    hz = float(start.observed_hz[0]) if len(start.observed_hz) else 0.0
+    if not swings_off_rest(q, known, hz, period_s, noise_m=motion.noise_m):
+        return ()
+    text = "the object swings about another shape than that of frame 0, which scene.at_rest calls its rest: it moves there, or a force never ends"
+    return (Doubt(f"{text}; set scene.at_rest to false or record the object at rest", of_young=True),)

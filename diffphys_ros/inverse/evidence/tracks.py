@@ -1,0 +1,16 @@
+"""Surface points that were followed through the clip."""
+
+from __future__ import annotations
+
+import torch
+
+from .told import Evidence, Told
+
+
+def track_evidence(told: Told) -> Evidence:
+    """Misfit of the tracks."""
+
+    def misfit(x: torch.Tensor, F: torch.Tensor) -> dict[str, torch.Tensor]:
+        return {"track": told.weights.track_weight * told.target.loss(told.binding.apply(x - x[:1])).double()}
+
+    return misfit

@@ -1,0 +1,234 @@
+"""The simulated half of the paper's equation 3: unknowns in, motion of the particles out, differentiable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..errors import SimulationError
+from ..particles import DensePoints, downsample, fill, fit_grid
+from ..simulate import ModalDamping, Plane, Push, Simulator, State, substeps_per_frame
+from ..types import Grid, Particles
+from .apparent_stiffness import UNMEASURED, measure_apparent, motion_share
+from .linear import linear_coordinates
+from .prepared import Prepared
+from .resolution import Plan
+from .unknowns import Layout, Unknowns
+
+FieldForce = Callable[[torch.Tensor, int], torch.Tensor]  # positions (P, 3) [m] at the start of a frame and its number -> (P, 3) [N/m^3]
+REACH = 1.6  # room in the grid, as a multiple of the largest displacement seen in the tracks
+DAMPED_MODES = 6  # that stiffness-proportional damping acts on
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated clip, body frame."""
+
+    x: torch.Tensor  # positions [m], (T, P, 3)
+    F: torch.Tensor  # deformation gradients since frame 0, (T, P, 3, 3)
+    unknowns: Unknowns
+    start: State  # frame 0
+    young: torch.Tensor  # as simulated [Pa], (P,)
+    poisson: torch.Tensor  # as simulated, (P,)
+    density: torch.Tensor | None = None  # as simulated [kg/m^3], (P,); None: that of the particles
+    field_force: torch.Tensor | None = None  # on top of the family's [N/m^3], (T - 1, P, 3)
+
+    @property
+    def displacement(self) -> torch.Tensor:
+        """From frame 0 [m], (T, P, 3)."""
+        return self.x - self.x[:1]
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """The body on one grid: all that does not change while a fit runs, except the number of substeps."""
+
+    particles: Particles
+    grid: Grid
+    apparent: float  # E_apparent / E of this lattice on this body; E_true = E_solver * apparent
+    expected_log10_error: float  # of E_solver * apparent, by the grid alone
+    basis: np.ndarray  # modal basis at the particles, 0 at ghosts, (P, 3, r)
+    basis_gradient: np.ndarray  # [1/m], (P, 3, 3, r)
+    sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
+
+
+def discretise(prepared: Prepared, plan: Plan, *, device: str, dense: DensePoints | None = None) -> Discretisation:
+    """Particles and grid of a plan, and their apparent stiffness on this very body; the particles are a share of `dense` points, or fill
+    a lattice."""
+    body, modal, young = prepared.body, prepared.modal, prepared.start.young
+    particles = fill(body, plan.dx, plan.per_cell) if dense is None else downsample(body, dense, plan.kept, plan.dx)
+    grid = fit_grid(particles, dx=plan.dx, reach_m=reach_of(prepared) + 0.5 * plan.dx, clamped=body.clamped)
+    value, gradient = modal.evaluate(particles.x_rest)
+    value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
+    sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
+    return Discretisation(particles, grid, *_apparent(prepared, plan, particles, grid, device), value, gradient, sag)
+
+
+def _apparent(prepared: Prepared, plan: Plan, particles: Particles, grid: Grid, device: str) -> tuple[float, float]:
+    """The lattice's apparent stiffness and the error of log10 E that is left once it is corrected for."""
+    if not prepared.body.clamped or not plan.simulates:
+        return 1.0, UNMEASURED
+    young = prepared.start.young
+    share = motion_share(prepared.modal, young, linear_coordinates(prepared))
+    try:
+        found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)
+    except SimulationError:  # the search will say what the grid does not carry
+        return 1.0, UNMEASURED
+    return found.value, found.expected_log10_error
+
+
+def reach_of(prepared: Prepared) -> float:
+    """Room that the motion is given in the grid [m]: for what the tracks show, and for what the start values' linear motion makes of ends
+    that no track follows, up to the body's own length."""
+    tracks, nodes = prepared.tracks, prepared.modal.nodes
+    moved = np.linalg.norm(tracks.points - tracks.points[:1], axis=-1)[tracks.valid]
+    q = linear_coordinates(prepared)
+    linear = float(np.linalg.norm(np.tensordot(q - q[:1], prepared.modal.basis, (1, 2)), axis=-1).max())
+    return REACH * max(float(np.quantile(moved, 0.999)), min(linear, float(np.ptp(nodes, axis=0).max())))
+
+
+class ForwardModel:
+    """Engine 2: unknowns z -> Motion, at a number of substeps that is frozen until E passes what it carries."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        disc: Discretisation,
+        layout: Layout,
+        *,
+        device: str,
+        dtype: torch.dtype = torch.float32,
+        law: str,
+        planes: tuple[Plane, ...] = (),
+        simulates: bool = True,
+    ):
+        """`simulates`: whether it will be asked for motions; else no substeps are laid out."""
+        self.simulates = simulates
+        self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
+        self.law, self.planes = law, planes
+        self._simulator: Simulator | None = None
+        self.capture(layout.young)
+        tensor = self.simulator.tensor
+        p, start = disc.particles, prepared.start
+        weights = start.footprint.weights(p.x_rest) * ~p.ghost
+        self.weights, self.poisson = tensor(weights), tensor(p.poisson)
+        self.part = torch.as_tensor(p.part - 1, device=device)
+        self.basis, self.basis_gradient = tensor(disc.basis), tensor(disc.basis_gradient)
+
+    def capture(self, young: np.ndarray) -> None:
+        """Lay out the substeps anew for moduli (n,) [Pa]."""
+        self.captured = young
+        self.simulator = self._simulator_for(young)
+        self.damping = self._modal_damping()
+
+    def _simulator_for(self, young: np.ndarray, *, batch: int | None = None) -> Simulator:
+        body, clip, disc = self.prepared.body, self.prepared.clip, self.disc
+        return Simulator(
+            disc.particles,
+            disc.grid,
+            substeps=substeps_per_frame(young, body.poisson, body.density, dx=disc.grid.dx, period_s=clip.period_s) if self.simulates else 1,
+            period_s=clip.period_s,
+            gravity=body.gravity,
+            device=self.device,
+            dtype=self.dtype,
+            law=self.law,
+            planes=self.planes,
+            batch=batch,
+        )
+
+    def ensure_substeps(self, young: np.ndarray) -> bool:
+        """Capture again where the stiffest of moduli (n,) [Pa] has passed what the substeps carry; whether that happened."""
+        if young.max() <= self.simulator.max_young():
+            return False
+        self.capture(young)
+        return True
+
+    def simulate(
+        self,
+        unknowns: Unknowns,
+        young: torch.Tensor,
+        field_poisson: torch.Tensor | None = None,
+        field_force: torch.Tensor | FieldForce | None = None,
+        *,
+        report: Callable[[float], None] | None = None,
+    ) -> Motion:
+        """Motion with E [Pa] of every particle (P,), a Poisson's ratio (P,) in place of the particles' own, and a force density
+        [N/m^3] on top of the family's: (T - 1, P, 3), or a function of where the particles are. Raises SimulationError."""
+        poisson = self._poisson(unknowns, field_poisson)
+        start = self._start(unknowns, young, poisson, self.simulator)
+        acted: list[torch.Tensor] = []
+
+        def push(state: State, frame: int) -> torch.Tensor:
+            acted.append(field_force(state.x, frame) if callable(field_force) else field_force[frame])  # type: ignore[index]
+            return acted[-1]
+
+        states = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
+        since0 = states.F @ torch.linalg.inv(start.F)[None]
+        return Motion(states.x, since0, unknowns, start, young, poisson, self._density(unknowns), torch.stack(acted) if acted else None)
+
+    def _poisson(self, unknowns: Unknowns, of_field: torch.Tensor | None) -> torch.Tensor:
+        if of_field is not None:
+            return of_field
+        return self.poisson if unknowns.poisson is None else unknowns.poisson[self.part]
+
+    def _density(self, unknowns: Unknowns) -> torch.Tensor | None:
+        """Of every particle (P,); None: the particles' own."""
+        return None if unknowns.density is None else unknowns.density[self.part]
+
+    def displacements(self, zs: np.ndarray, *, report: Callable[[float], None] | None = None) -> torch.Tensor:
+        """From frame 0 [m], (B, T, P, 3), under unknowns zs (B, size) that differ in log E alone: one batch of simulations, without
+        gradients. Raises SimulationError."""
+        stiffest = np.max([self.layout.young_of(z) for z in zs], axis=0)
+        simulator = self._simulator_for(stiffest, batch=len(zs))
+        with torch.no_grad():
+            every = [self.layout.unpack(simulator.tensor(z), modes=self.basis.shape[2]) for z in zs]
+            young = torch.stack([unknowns.young[self.part] for unknowns in every])
+            poisson = self._poisson(every[0], None)
+            start = self._start(every[0], young, poisson, simulator)
+            states = self._path(simulator, every[0], start, young, poisson, report=report)
+        return (states.x - states.x[:1]).transpose(0, 1)
+
+    def _path(
+        self,
+        simulator: Simulator,
+        unknowns: Unknowns,
+        start: State,
+        young: torch.Tensor,
+        poisson: torch.Tensor,
+        push: Push | None = None,
+        report: Callable[[float], None] | None = None,
+    ) -> State:
+        """States at all frames under the force and damping of the unknowns."""
+        force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
+        return simulator.rollout(
+            start,
+            young,
+            poisson,
+            force,
+            unknowns.mass_damping,
+            density=self._density(unknowns),
+            push=push,
+            after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
+            report=report,
+        )
+
+    def _start(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor, simulator: Simulator) -> State:
+        """Frame 0: settled under gravity, then the recovered initial motion on top."""
+        state = simulator.rest()
+        if self.disc.sag_gradient is not None:
+            state = simulator.settle(young, poisson, simulator.tensor(self.disc.sag_gradient), density=self._density(unknowns))
+        if not self.layout.motion_unit.size:
+            return state
+        strain = self.basis_gradient @ unknowns.initial_displacement
+        F = state.F + strain @ state.F
+        v, C = (field @ unknowns.initial_velocity for field in (self.basis, self.basis_gradient))
+        return state.replace(v=v.expand_as(state.v), C=C.expand_as(state.C), F=F)
+
+    def _modal_damping(self) -> ModalDamping:
+        young = self.prepared.start.young
+        omega2, shapes = self.prepared.modal.eigen(young)
+        shapes, omega = shapes[:, :DAMPED_MODES], np.sqrt(np.maximum(omega2[:DAMPED_MODES], 0.0))
+        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega)

@@ -1,0 +1,105 @@
+"""From a clip to start values: everything that needs no simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError, shown
+from ..progress import Progress, waiting
+from ..types import Clip, MaterialPrior, StartValues, object_mask
+from .law import law_to_fit
+from .material_prior import believed, of_parts, parted
+from .prepared import LEAST_FRAMES, Prepared
+
+
+def label(clip: Clip, settings: Settings) -> Clip:
+    """The clip with label images; those it already carries are kept."""
+    if clip.labels is not None:
+        return clip
+    from ..segment import label_clip
+
+    return clip.with_labels(label_clip(clip, settings))
+
+
+def check_clip(clip: Clip) -> None:
+    """Refuses clips that cannot be worked on."""
+    if len(clip) < LEAST_FRAMES:
+        raise InputError(f"{clip.source or 'clip'}: has {len(clip)} frame(s), needs at least {LEAST_FRAMES}; record a longer clip")
+    if clip.labels is not None:
+        object_px = int(object_mask(clip.labels[0]).sum())
+        if object_px < 50:
+            raise InputError(
+                f"{clip.source or 'clip'}: the object mask of frame 0 holds {object_px} pixels, needs at least 50; "
+                "give a mask with scene.first_mask or choose another segment.method"
+            )
+
+
+def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Generator[Progress, None, Prepared]:
+    """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
+    from ..body import build_body
+    from ..depth import placed, surface_depth
+    from ..prior import believing
+    from ..start import start_values
+    from ..start.no_free_tail import joint_values
+    from ..tracks import follow
+    from .doubts import doubts_of
+    from .zones import zones_of
+
+    check_clip(clip)
+    law_to_fit(settings)
+    clip = placed(clip, settings)
+    yield Progress("segment", text="object mask and parts")
+    clip = label(clip, settings)
+    check_clip(clip)
+    yield Progress("depth", text="depth of the visible surface")
+    depth0, source = surface_depth(clip, settings)
+    if settings.depth.source not in ("auto", "topic"):
+        clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
+    yield Progress("tracks", text="following surface points")
+    tracks = follow(clip, depth0, settings)
+    yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
+    body, belief = build_body(clip, depth0, settings), None
+    body = replace(body, sources=body.sources | {"metric_scale": source.scale})
+    if settings.prior.source == "model":
+        yield Progress("body", text=f"asking the model {shown(settings.prior.model)} about the material")
+    prior = yield from waiting("body", believing(clip, settings))
+    if prior is not None:
+        body = parted(body, prior, clip.camera)
+        body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
+        yield Progress("body", text=describe_prior(prior))
+    yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
+    start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief, guess_scale=guess_scale)
+    schedule = settings.experiment.schedule
+    if schedule == "joint" or (schedule == "auto" and not start.has_free_tail):
+        yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
+        start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
+    doubts = doubts_of(clip, tracks, body, start, settings)
+    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
+    yield Progress("modes", text=describe_start(start))
+    for doubt in doubts:
+        yield Progress("modes", text=doubt.text)
+    return replace(prepared, zones=(yield from zones_of(prepared, settings)))
+
+
+def describe_prior(prior: MaterialPrior) -> str:
+    """The material prior in a line for people."""
+    values = zip(prior.name, prior.young, prior.poisson, prior.density, strict=True)
+    return f"material by {prior.source}: " + "; ".join(f"{name}, E {e:.3g} Pa, nu {nu:.2f}, {rho:.4g} kg/m^3" for name, e, nu, rho in values)
+
+
+def describe_start(start: StartValues) -> str:
+    """The start values in a line or two for people."""
+    parts = ", ".join(f"{e:.4g} Pa (x/ {10**s:.2f})" for e, s in zip(start.young, start.log10_young_sd, strict=True))
+    forced = np.flatnonzero(start.forced)
+    span = f"frames {forced[0]}..{forced[-1]}" if len(forced) else "no frame"
+    tones = ", ".join(f"{f:.2f}" for f in start.observed_hz)
+    return f"start values: E = {parts}; seen {tones} Hz; force in {span} ({start.footprint.family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
+
+
+def scaled_start(start: StartValues, factor: float) -> StartValues:
+    """Start values with Young's modulus multiplied by a factor; all else as it was."""
+    return start if factor == 1.0 else replace(start, young=start.young * factor)

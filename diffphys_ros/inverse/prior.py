@@ -1,0 +1,67 @@
+"""What is believed of the unknowns before they are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..start.force import AXIAL_SHARE
+from ..types import StartValues
+from .unknowns import Layout
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Quadratic priors on z, each the half inverse variance in units of the loss; weak where the data speak.
+
+    That of the force is the paper's smoothness (A.14), from and to no force where it begins and ends; tighter along the body, where a force
+    moves hardly anything.
+    """
+
+    hessian: np.ndarray  # (size, size)
+    centre: np.ndarray  # (size,)
+
+    LOG_YOUNG = 2e-3  # log E one standard deviation of the start values away costs half of this: what the grid's own error
+    # leaves as misfit, so that the fit does not pay with E for what the grid cannot follow
+    MISSED = 0.3  # standard deviation of log10 E that the start values' linear motion leaves open, as a multiple of the share of the motion
+    # that it misses: modes that do not follow the swing do not have its frequency either
+    DENSITY = 2e-3 / 0.15**2  # of log density: the parts of one object differ by 15 % or so (one standard deviation, in the unit of LOG_YOUNG)
+    POISSON = 2e-3  # of one unit of Poisson's ratio
+    DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
+    SMOOTH = 3e-4
+
+    @classmethod
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
+        """Priors about the start values (log E, damping) and about zero (changes of the force). The search may begin
+        `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
+        log E where more is known than the standard deviations."""
+        n = layout.parts
+        hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+        sd = np.hypot(start.log10_young_sd, cls.MISSED * np.sqrt(start.track_cost))
+        known = np.diag((np.log(10) * sd) ** -2.0) if precision is None else precision
+        hessian[:n, :n] = cls.LOG_YOUNG * known
+        centre[:n] = -np.log(start_scale)
+        hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
+        difference = _changes(layout.forced, layout.frames)
+        per_frame = cls.SMOOTH * difference.T @ difference
+        stiffer_along = np.diag([AXIAL_SHARE**-2, 1.0, 1.0])
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, stiffer_along)
+        at = layout.slices
+        hessian[at["density"], at["density"]] = cls.DENSITY * np.eye(n)
+        hessian[at["poisson"], at["poisson"]] = cls.POISSON * np.eye(n)
+        return cls(hessian, centre)
+
+    def value(self, z: torch.Tensor) -> torch.Tensor:
+        """The prior's share of the loss."""
+        offset = z.double() - torch.as_tensor(self.centre)
+        return 0.5 * offset @ torch.as_tensor(self.hessian) @ offset
+
+
+def _changes(forced: np.ndarray, frames: int) -> np.ndarray:
+    """Rows (R, F) that take the change of the force from frame to frame, from and to none where it begins and ends; forced (F,)."""
+    every = np.zeros((frames, len(forced)))
+    every[forced, range(len(forced))] = 1.0
+    change = np.diff(every, axis=0)
+    return change[change.any(1)]

@@ -1,0 +1,133 @@
+"""One fit: grid, unknowns, what the motion is compared with, and the loss's curvature at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_dilation
+
+from ..config import Settings
+from ..devices import usable
+from ..particles import DensePoints, bind, dense_points
+from ..types import Body, Splats, StartValues
+from .carried import CarriedGaussians
+from .curvature import track_hessian
+from .engines import Engine, engines
+from .evidence import EVIDENCE, Told
+from .evidence.pixels import static_background
+from .floor import floor_planes
+from .forward import Discretisation, ForwardModel, discretise, reach_of
+from .law import law_to_fit
+from .linear_model import UNKNOWN_TO_MODES
+from .loss import Objective
+from .observed import TrackTarget, acceleration_scale
+from .prepare import scaled_start
+from .prepared import Prepared
+from .prior import Prior
+from .resolution import Plan, make_plan
+from .unknowns import Layout, checked_hold
+
+MISSING = 0.1  # share of the motion missed by linear modes from which their forced frames are taken with a margin
+MARGIN = 2  # frames on either side
+INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
+SHIFTS = np.linspace(-0.5, 0.5, 11)  # of log E, tried where the start values may lie in a wrong valley
+RIDGE = 1e-6  # curvature of the loss that is taken for certain in every direction: what nobody sees stays as it is
+
+
+@dataclass
+class Problem:
+    """Everything that one fit needs."""
+
+    prepared: Prepared
+    settings: Settings
+    plan: Plan
+    disc: Discretisation
+    layout: Layout
+    target: TrackTarget
+    forward: ForwardModel
+    renderer: CarriedGaussians | None
+    engines: Mapping[str, Engine]
+    objective: Objective
+    hessian: np.ndarray
+
+    @property
+    def metric(self) -> np.ndarray:
+        """Inverse of the loss's curvature in the blocks that are not held, (k, k)."""
+        index = self.layout.index(self.layout.free)
+        return np.asarray(np.linalg.inv(self.hessian[np.ix_(index, index)]))
+
+
+def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32, start_scale: float = 1.0) -> Problem:
+    """Grid, unknowns, loss and its curvature; `dtype` of the simulation. The solver begins `start_scale` times off the start values."""
+    clip, body, device = prepared.clip, prepared.body, usable(settings.fit.device)
+    dense = _dense(body, splats) if settings.experiment.downsample_ratio else None
+    plan = make_plan(
+        body,
+        prepared.start.young,
+        frames=len(clip) - 1,
+        period_s=clip.period_s,
+        settings=settings,
+        device=device,
+        reach_m=reach_of(prepared),
+        dense=0 if dense is None else len(dense.x),
+        ahead=simulated_ahead(prepared),
+    )
+    disc = discretise(prepared, plan, device=device, dense=dense)
+    start = scaled_start(with_wider_support(prepared.start), start_scale / disc.apparent)
+    initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
+    force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
+    held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if settings.experiment.schedule == "linear" else frozenset())
+    layout = Layout.of(start, body, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
+    target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
+    planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
+    renderer = None if splats is None else _renderer(prepared, disc, splats, device)
+    binding = bind(target.rest_points, disc.particles.x_rest)
+    told = Told(prepared, settings.experiment, forward.simulator.x_rest, target, binding, renderer, plan.image_every)
+    evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
+    precision = None if prepared.zones is None else prepared.zones.log_young_precision
+    prior = Prior.of(layout, start, start_scale=start_scale, precision=precision)
+    weights = settings.experiment
+    per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
+    hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
+    return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+
+
+def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, device: str) -> CarriedGaussians:
+    clip, particles = prepared.clip, disc.particles.x_rest
+    return CarriedGaussians.of(splats, particles, clip.camera, static_background(clip), world_from_particles=prepared.body.world_from_body, device=device)
+
+
+def simulated_ahead(prepared: Prepared) -> float:
+    """How many times the clip, without gradient, is simulated before the search: a period to calibrate the grid, and the trials of other
+    moduli where the start values may lie in a wrong valley."""
+    clip, start = prepared.clip, prepared.start
+    period = 1 / (max(float(start.frequencies_hz[0]), 1e-3) * (len(clip) - 1) * clip.period_s)
+    return period + (len(SHIFTS) if start.track_cost > MISSING**2 else 0)
+
+
+def with_wider_support(start: StartValues) -> StartValues:
+    """Start values with a margin of frames that may carry a force as well, where linear modes, which the forced frames were read from, miss
+    much of the motion."""
+    if start.track_cost <= MISSING**2 or not start.forced.any():
+        return start
+    return replace(start, forced=binary_dilation(start.forced, iterations=MARGIN))
+
+
+def _dense(body: Body, splats: Splats | None) -> DensePoints:
+    """What experiment.downsample_ratio is a share of."""
+    surface = np.zeros((0, 3)) if splats is None else splats.mean.astype(float)
+    return dense_points(body, body.to_body(surface))
+
+
+def _motion_unit(prepared: Prepared) -> np.ndarray:
+    """Units of initial modal coordinates and rates, (2, r): those that move the tracks by as much as they were seen to move."""
+    tracks, modal = prepared.tracks, prepared.modal
+    moved = float(np.sqrt(((tracks.points - tracks.points[:1])[tracks.valid] ** 2).sum(-1).mean()))
+    shape = modal.evaluate(prepared.body.to_body(tracks.points[0]))[0]
+    size = np.sqrt((shape**2).sum(1).mean(0))
+    omega = 2 * np.pi * np.maximum(modal.frequencies(prepared.start.young), 0.1)
+    return np.stack([moved / size, moved * omega / size])

@@ -1,0 +1,56 @@
+"""The inverse solver: from start values and Gaussians to the recovered fields (paper Eq. 3 and 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import torch
+
+from ..config import Settings
+from ..devices import usable
+from ..progress import Progress
+from ..types import Recovery, Splats
+from .checkpoint import Checkpoint
+from .choice import answered, verdict
+from .clock import Clock
+from .fit import fit
+from .model import Model
+from .prepared import Prepared
+from .prescribed import prescribed
+from .problem import Problem, pose_problem
+from .stages import schedule
+from .zones import divided, in_parts, zones_of
+
+
+def solve(
+    prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None, start_scale: float = 1.0
+) -> Generator[Progress, None, Recovery]:
+    """Joint fit over material and force, begun `start_scale` times off the start values. Yields news, returns the Recovery; to stop
+    iterating is to cancel. Where the clock stops it, the best answer so far is returned, and says so."""
+    checkpoint, clock = checkpoint or Checkpoint(None), clock or Clock()
+    checkpoint.bind(prepared.clip, settings, begun=start_scale)
+    prepared = prescribed(prepared, settings)
+    zones = yield from zones_of(prepared, settings)
+    yield Progress("plan", text="choosing cells and particles")
+    _repeatable(usable(settings.fit.device))
+    problem = pose_problem(divided(prepared, zones), splats, settings, start_scale=start_scale)
+    yield Progress("plan", text=_described(problem))
+    fitted = yield from fit(Model(problem), schedule(problem), checkpoint=checkpoint, clock=clock)
+    yield Progress("result", text="final simulation and rendering")
+    recovery = in_parts(answered(fitted, clock), zones)
+    yield Progress("result", text=verdict(recovery))
+    return recovery
+
+
+def _repeatable(device: str) -> None:
+    """Equal input gives equal bits on the CPU: the backward pass of a gather would else add from several threads in any order."""
+    torch.use_deterministic_algorithms(device == "cpu")
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # that would only cost time
+
+
+def _described(problem: Problem) -> str:
+    plan, disc = problem.plan, problem.disc
+    if not plan.simulates:
+        return plan.text()
+    grid = f"apparent stiffness {disc.apparent:.3f}, after which the grid's own error of log10 E is {disc.expected_log10_error:.3f}"
+    return f"{plan.text()}; {len(disc.particles.own)} particles, {grid}"

@@ -1,0 +1,29 @@
+"""What a fit does, one after the other: a file for each list of stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..problem import Problem
+from ..resolution import fields_wanted
+from .constants import constants
+from .fields import fields
+from .linear import linear
+from .stage import Stage
+
+__all__ = ["SCHEDULES", "Stage", "schedule"]
+
+
+def simulated(problem: Problem) -> list[Stage]:
+    """Constants per part and a vector per frame, then fields where they are asked for; nothing where nothing can be simulated."""
+    if not problem.plan.simulates:
+        return []
+    return [*constants(problem), *(fields(problem) if fields_wanted(problem.settings) else [])]
+
+
+SCHEDULES: dict[str, Callable[[Problem], list[Stage]]] = {**dict.fromkeys(("auto", "modes", "joint"), simulated), "linear": linear}
+
+
+def schedule(problem: Problem) -> list[Stage]:
+    """The stages of a problem, as experiment.schedule names them."""
+    return SCHEDULES[problem.settings.experiment.schedule](problem)

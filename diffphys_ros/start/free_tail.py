@@ -1,0 +1,167 @@
+"""Young's modulus per part and damping from the free tail: damped eigenmodes fitted to the tracks, no force model needed.
+
+Variable projection (Golub and Pereyra 1973): the amplitudes of the modes enter linearly and are solved for inside, the search
+runs over log E per part and the two damping constants. Several ratios between the parts are tried, each first scaled so that
+the leading mode swings at the frequency seen, so that the result does not depend on the first guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..modes.model import ModalModel
+from ..vibration.coordinates import Projection
+
+MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it
+FREQUENCY_SD = 0.01  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode
+RATIO_SD = 0.5 * np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts (natural logarithm)
+MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate
+MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1
+FASTEST = 0.45  # of the frame rate: modes beyond are not resolved by the frames
+START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)
+WIDEST = np.log(1e3)  # of E about the start of a search
+MATCHES = 8
+DETUNED = 4  # leading modes whose frequencies may be off on their own
+STEP = 1e-4  # of the search vector, for differences
+
+
+@dataclass(frozen=True)
+class Physics:
+    """A point of the search."""
+
+    young: np.ndarray  # [Pa], (n,)
+    mass_damping: float  # [1/s]
+    stiffness_damping: float  # [s]
+    detune: np.ndarray  # log of the body's frequencies over the model's, leading modes, (k,)
+
+    @classmethod
+    def of(cls, vector: np.ndarray, parts: int) -> Physics:
+        """From log E per part, then alpha, beta and detune over their prior standard deviations."""
+        alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
+        return cls(np.exp(vector[:parts]), float(alpha), float(beta), FREQUENCY_SD * vector[parts + 2 :])
+
+    def vector(self) -> np.ndarray:
+        """The inverse of `of`, (n + 2 + k,)."""
+        damping = self.mass_damping / MASS_DAMPING_SD, self.stiffness_damping / STIFFNESS_DAMPING_SD
+        return np.r_[np.log(self.young), damping, self.detune / FREQUENCY_SD]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of a search from here."""
+        log_young, free = np.log(self.young), np.full(len(self.detune), np.inf)
+        most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
+        return np.r_[log_young - WIDEST, 0.0, 0.0, -free], np.r_[log_young + WIDEST, most, free]
+
+
+def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
+    """Residuals in standard deviations: log ratios of neighbouring parts, damping and detuning."""
+    return np.r_[np.diff(vector[:parts]) / RATIO_SD, vector[parts:]]
+
+
+@dataclass(frozen=True)
+class Tail:
+    """Free motion of compressed tracks (see observation.Projection) from frame `first` on."""
+
+    modal: ModalModel
+    seen: Projection
+    first: int
+    period_s: float
+    known: np.ndarray  # bool, (T,)
+    at_rest: bool  # whether the oscillation is about the shape of frame 0
+    sigma_m: float  # what a frame may miss [m]
+    most_modes: int
+    data: np.ndarray = field(init=False)  # (K, d)
+    times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
+
+    def __post_init__(self) -> None:
+        frames = np.flatnonzero(self.known & (np.arange(len(self.known)) >= self.first))
+        object.__setattr__(self, "data", self.seen.data[frames])
+        object.__setattr__(self, "times", (frames - self.first) * self.period_s)
+
+    @property
+    def size_m(self) -> float:
+        """Root mean square of the motion in the tail [m]."""
+        return float(np.sqrt((self.data**2).sum(1).mean()))
+
+    def leading_mode(self, young: np.ndarray) -> int:
+        """The eigenmode at `young` whose shape holds most of the tail's motion."""
+        seen = self.seen.operator @ self.modal.eigen(young)[1]
+        share = ((self.data @ seen) ** 2).sum(0) / np.maximum((seen**2).sum(0), 1e-300)
+        return int(share[: self.most_modes].argmax())
+
+    def matched(self, young: np.ndarray, observed_hz: float) -> np.ndarray:
+        """`young` times the factor at which the leading mode swings at the observed frequency (and nothing buckles)."""
+        for _ in range(MATCHES):
+            omega2 = self.modal.eigen(young)[0]
+            if omega2[0] < 0:
+                young = 2.0 * young
+                continue
+            young = young * np.clip((2 * np.pi * observed_hz) ** 2 / max(omega2[self.leading_mode(young)], 1e-3), 0.1, 10.0)
+        return young
+
+    def misfit(self, physics: Physics) -> np.ndarray:
+        """Observed minus modelled tail [m], (K, d), with the best amplitudes."""
+        omega, decay, seen = self._modes(physics)
+        detune = physics.detune[: len(omega)]
+        omega[: len(detune)] *= np.exp(detune)
+        wave = np.exp(-np.outer(self.times, decay)) * np.exp(1j * np.outer(self.times, omega))
+        shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
+        clock = np.stack(shapes, 2).reshape(len(self.times), -1)  # (K, c k): every mode's functions of time
+        place = np.repeat(seen, len(shapes), 1)  # (d, c k)
+        normal = (clock.T @ clock) * (place.T @ place)
+        right = ((self.data @ place) * clock).sum(0)
+        normal[np.diag_indices(len(normal))] *= 1 + 1e-9
+        amplitude = np.linalg.lstsq(normal, right, rcond=1e-10)[0]
+        return self.data - (clock * amplitude) @ place.T
+
+    def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""
+        omega2, shapes = self.modal.eigen(physics.young)
+        count = int(np.clip((omega2 < (2 * np.pi * FASTEST / self.period_s) ** 2).sum(), 1, self.most_modes))
+        omega2 = np.maximum(omega2[:count], 1e-2)
+        decay = 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2)
+        return np.sqrt(np.maximum(omega2 - decay**2, 1e-2)), decay, self.seen.operator @ shapes[:, :count]
+
+    def residual(self, vector: np.ndarray) -> np.ndarray:
+        """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
+        parts = len(self.modal.stiffness)
+        return np.r_[self.misfit(Physics.of(vector, parts)).ravel() / self.sigma_m, prior_residual(vector, parts)]
+
+    def search(self, start: Physics) -> tuple[float, Physics]:
+        """Cost and physics at the minimum that is reached from a start."""
+        low, high = start.bounds()
+        inside = np.clip(start.vector(), low + 1e-9, high - 1e-9)
+        found = least_squares(self.residual, inside, bounds=(low, high), jac=self._slope, max_nfev=60)
+        return float(found.cost), Physics.of(found.x, len(start.young))
+
+    def _slope(self, vector: np.ndarray) -> np.ndarray:
+        return differences(self.residual, vector)
+
+    def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> Physics:
+        """The best of the searches from several ratios between the parts, each matched to the observed frequency.
+
+        Args:
+            young: first guess [Pa], (n,); only its order of magnitude counts.
+            observed_hz, decay_per_s: of the leading oscillation.
+        """
+        beta = max(2 * decay_per_s, 0.0) / (2 * np.pi * observed_hz) ** 2
+        still = np.zeros(DETUNED)
+        starts = [Physics(self.matched(young * r, observed_hz), 0.0, min(beta, 0.5 * MOST_STIFFNESS_DAMPING), still) for r in start_ratios(len(young))]
+        found = [self.search(start) for start in starts]
+        return min(found, key=lambda pair: pair[0])[1]
+
+
+def differences(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+    """Central-difference Jacobian (m, n) of a vector of order-one unknowns."""
+    return np.stack([(function(at + h) - function(at - h)) / (2 * STEP) for h in STEP * np.eye(len(at))], 1)
+
+
+def start_ratios(parts: int) -> list[np.ndarray]:
+    """Factors on a uniform guess, (n,) each: all outer parts alike, and each outer part alone."""
+    ratios = [np.r_[1.0, np.full(parts - 1, r)] for r in (START_RATIOS if parts > 1 else (1.0,))]
+    if parts > 2:
+        ratios += [np.where(np.arange(parts) == i, r, 1.0) for i in range(1, parts) for r in START_RATIOS if r != 1.0]
+    return ratios

@@ -1,0 +1,226 @@
+"""Young's modulus along a body whose materials nobody has outlined: a modulus per zone, from the tracks and the eigenmodes.
+
+Where a mode bends how much says how stiff the body is there: its bending moment follows from the inertia of what lies further
+out, its curvature is seen. So a few modes tell a whole profile, without any simulation. Neighbouring zones are held together by
+a Cauchy prior (Markkanen, Roininen, Huttunen and Lasanen 2019, Cauchy difference priors for edge-preserving Bayesian inversion):
+most borders are none, and a real one may be a jump of any size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..config import Settings
+from ..footprints import Footprint
+from ..linear_systems import inverted
+from ..modes.model import ModalModel
+from ..types import Body, Camera, StartValues, Tracks
+from ..vibration.coordinates import observe
+from ..vibration.forced_frames import find_support
+from .free_tail import DETUNED, RATIO_SD, STEP, Physics, differences
+from .uncertainty import DENSITY_CONTRAST, outline_sd
+from .values import ALARM_NOISE, GUESS_SD, SETTLED, WIDEST_SD, Evidence
+from .zone_layout import Division
+
+LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part: the search begins
+# where a gradual change and a jump hardly differ, and ends at the last
+CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all
+GRADUAL = 0.5  # standard deviation of the difference of log E between neighbours where stiffness changes all along
+SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins
+FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone
+MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans
+ROUNDS, STEPS = 4, 6  # most times that the basis moves to the fit at the last scale; most steps of a search between
+
+
+@dataclass(frozen=True)
+class Zoned:
+    """A body whose parts are zones, with what the tracks say of them (K zones)."""
+
+    body: Body
+    start: StartValues
+    modal: ModalModel
+    part: np.ndarray  # 1..n of the undivided body that each zone lies in, (K,)
+    log_young_precision: np.ndarray  # inverse covariance of log E, (K, K)
+
+
+def zone_values(
+    body: Body,
+    tracks: Tracks,
+    period_s: float,
+    settings: Settings,
+    start: StartValues,
+    *,
+    camera: Camera | None = None,
+    pattern: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Zoned:
+    """A modulus per zone, from the free tail and then from all frames with the force solved for inside.
+
+    Args:
+        body, tracks, period_s, settings, camera: as for start_values.
+        start: values per part, with a free tail: where the search begins.
+        pattern: what is believed of E [Pa, any scale] at body points (M, 3); inside a part zones are held to it instead of to
+            each other's value.
+    """
+    from ..elements.assemble import Elements
+
+    division = Division.of(body)
+    zoned = division.divide(body)
+    motion = observe(body, tracks, camera)
+    support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.noise_m)
+    evidence = Evidence(Elements.of(zoned), zoned, tracks, motion, support, period_s, settings, None)
+    fit = _ZoneFit(evidence, division, _believed(zoned, division, pattern))
+    physics = fit.first(Physics(start.young[division.part - 1], start.mass_damping, start.stiffness_damping, np.zeros(DETUNED)))
+    physics, modal = fit.settled(physics, fit.tail_misfit, levels=LEVELS)
+    edges = fit.evidence.force_problem(modal).edges(physics)
+    if any(edges):
+        fit = replace(fit, evidence=replace(fit.evidence, support=support.grown(*edges)))
+        physics, modal = fit.settled(physics, fit.tail_misfit)
+    footprint = fit.evidence.force_problem(modal).best_footprint(physics)
+    physics, modal = fit.settled(physics, lambda modal: fit.whole_misfit(modal, footprint))
+    misfit = fit.whole_misfit(modal, footprint)
+    excess = misfit.excess(physics)
+    variance, precision = fit.told(misfit, physics)
+    sd = np.sqrt(variance + _outside_variance(body, tracks, division, settings)) / np.log(10)
+    sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
+    modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
+    values = fit.evidence.values(physics, modal, footprint)
+    return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
+
+
+@dataclass(frozen=True)
+class _Misfit:
+    """Of the motion in some frames under given physics."""
+
+    of: Callable[[Physics], np.ndarray]  # over what a frame may miss
+    frames: int
+
+    def excess(self, physics: Physics) -> float:
+        """Mean square over what was expected, at least 1: linear modes do not follow large swings."""
+        missed = self.of(physics)
+        return max(float(missed @ missed) / self.frames, 1.0)
+
+
+@dataclass(frozen=True)
+class _ZoneFit:
+    evidence: Evidence
+    division: Division
+    believed: np.ndarray  # log E that differences are measured from, (K,)
+
+    def first(self, physics: Physics) -> Physics:
+        """The best of a few slopes of stiffness along the body, each matched to the observed frequency and fitted a little: from
+        one constant the modes may be taken for each other."""
+        found = []
+        for slope in SLOPES:
+            tail = self.evidence.tail(self.basis(physics.young * slope**self.division.away))
+            young = tail.matched(tail.modal.reference, float(self.evidence.support.frequencies_hz[0]))
+            found.append(self._search(replace(physics, young=young), self.tail_misfit(tail.modal), LEVELS[0]))
+        return min(found, key=lambda pair: pair[0])[1]
+
+    def settled(
+        self, physics: Physics, misfit_of: Callable[[ModalModel], _Misfit], *, levels: tuple[float, ...] = LEVELS[-1:]
+    ) -> tuple[Physics, ModalModel]:
+        """The minimum of a misfit and the priors, at one Cauchy scale after the other; the basis moves to the fit until it rests."""
+        for level in (*levels, *levels[-1:] * ROUNDS):
+            before, modal = physics.young, self.basis(physics.young)
+            physics = self._search(physics, misfit_of(modal), level)[1]
+            if level == levels[-1] and np.abs(np.log(physics.young / before)).max() < SETTLED:
+                break
+        return physics, modal
+
+    def basis(self, young: np.ndarray) -> ModalModel:
+        """Ritz model about moduli (K,) that follows their changes, zone by zone, to first order in the shapes."""
+        from ..elements.assemble import modal_model
+
+        return modal_model(self.evidence.elements, [young], [MODES], varied=VARIED)
+
+    def tail_misfit(self, modal: ModalModel) -> _Misfit:
+        """Of the free tail."""
+        tail = self.evidence.tail(modal)
+        return _Misfit(lambda physics: tail.misfit(physics).ravel() / tail.sigma_m, max(len(tail.data), 1))
+
+    def whole_misfit(self, modal: ModalModel, footprint: Footprint) -> _Misfit:
+        """Of all frames under the best force of a family."""
+        problem = self.evidence.force_problem(modal)
+        load = problem.footprint_load(footprint)
+        return _Misfit(lambda physics: problem.solve(physics, load).residual, int(problem.known.sum()))
+
+    def prior(self, vector: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Residuals of the priors: differences between neighbours, by `inside` where they lie in one part; contrast; damping and
+        detuning."""
+        count, (a, b) = self.division.count, self.division.neighbours.T
+        log_young = vector[:count] - self.believed
+        difference, same = log_young[b] - log_young[a], self.division.part[a] == self.division.part[b]
+        contrast = (log_young - log_young.mean()) / CONTRAST_SD
+        return np.r_[np.where(same, inside(difference), difference / RATIO_SD), contrast, vector[count:]]
+
+    def _search(self, physics: Physics, misfit: _Misfit, level: float) -> tuple[float, Physics]:
+        """Cost and physics a few steps on."""
+
+        def residual(vector: np.ndarray) -> np.ndarray:
+            prior = self.prior(vector, lambda difference: cauchy(difference, level))
+            return np.r_[misfit.of(Physics.of(vector, self.division.count)), prior]
+
+        low, high = physics.bounds()
+        reach = np.r_[np.full(self.division.count, FARTHEST), np.full(len(low) - self.division.count, np.inf)]
+        low, high = np.maximum(low, physics.vector() - reach), np.minimum(high, physics.vector() + reach)
+        low[self.division.count : self.division.count + 2] = STEP  # differences must not reach below zero: fast modes would grow without end
+        inside = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
+        found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=STEPS, ftol=1e-4)
+        return float(found.cost), Physics.of(found.x, self.division.count)
+
+    def told(self, misfit: _Misfit, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+        """Variance (K,) and inverse covariance (K, K) of log E by Gauss-Newton, damping and detuning left open. The inverse
+        covariance is that under the Cauchy prior; the variance allows that stiffness changes gradually all along, or that any
+        one border is one of materials unseen."""
+        vector, count = physics.vector(), self.division.count
+        slope = differences(lambda v: misfit.of(Physics.of(v, count)), vector)
+        data = slope.T @ slope / misfit.excess(physics)
+
+        def covariance(inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+            prior = differences(lambda v: self.prior(v, inside), vector)
+            return inverted(data + prior.T @ prior)[:count, :count]
+
+        likely = covariance(partial(_loosened, border=-1))
+        unseen = [covariance(partial(_loosened, border=k)) for k in range(len(self.division.neighbours))]
+        gradual = covariance(lambda difference: difference / GRADUAL)
+        return np.max([np.diag(c) for c in (likely, gradual, *unseen)], axis=0), inverted(likely)
+
+
+def _loosened(difference: np.ndarray, border: int) -> np.ndarray:
+    """The Cauchy prior at the scale of the end, but one border (-1: none) as if two materials met there."""
+    return np.where(np.arange(len(difference)) == border, difference / RATIO_SD, cauchy(difference, LEVELS[-1]))
+
+
+def cauchy(difference: np.ndarray, scale: float) -> np.ndarray:
+    """Residuals whose half squares are, up to a constant, the negative logarithm of a Cauchy density."""
+    return np.sign(difference) * np.sqrt(2 * np.log1p((difference / scale) ** 2))
+
+
+def _believed(zoned: Body, division: Division, pattern: Callable[[np.ndarray], np.ndarray] | None) -> np.ndarray:
+    """Mean over each zone's volume of the logarithm of what is believed, (K,); zeros where nothing is."""
+    if pattern is None:
+        return np.zeros(division.count)
+    i, j = np.nonzero(zoned.inside)
+    flat = zoned.origin + zoned.pitch_m * np.stack([i, j], -1)
+    height = zoned.half_thickness[i, j]
+    log_young = np.log(pattern(np.concatenate([flat, height[:, None]], 1)))
+    zone = division.zone[i, j].astype(int) - 1
+    return np.bincount(zone, height * log_young, division.count) / np.maximum(np.bincount(zone, height, division.count), 1e-300)
+
+
+def _outside_variance(body: Body, tracks: Tracks, division: Division, settings: Settings) -> np.ndarray:
+    """Variance of log E per zone (K,) from what no misfit shows: the outline, and densities where a person gave none per part
+    (only E over density is seen)."""
+    density = 0.0 if settings.scene.density_kg_m3 is not None else DENSITY_CONTRAST
+    return outline_sd(body, tracks)[division.part - 1] ** 2 + density**2
+
+
+def _told(values: StartValues, sd: np.ndarray, excess: float) -> StartValues:
+    missed = f"; the motion is missed by {np.sqrt(excess):.0f} times what was expected" if excess >= ALARM_NOISE**2 else ""
+    reasons = tuple(f"a zone of a field; log10 E is known to +-{s:.2f}{missed}." for s in sd)
+    return replace(values, log10_young_sd=sd, identified=sd <= WIDEST_SD, reasons=reasons)

@@ -1,0 +1,182 @@
+"""What the tracks say about the motion: a few leading coordinates over time and their shapes. numpy and scipy only."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..modes.model import ModalModel
+from ..types import Body, Camera, Tracks
+
+CANDIDATES = 6  # principal coordinates that are looked at
+MOST_COORDINATES = 3  # that are kept
+LEAST_SEEN = 0.4  # of the frames in which a track must hold
+LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have
+STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates
+ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each
+NEIGHBOURS = 5  # that stand in for a point that was lost in a frame
+FARTHEST = 3.0  # displacements beyond this many times a frame's 95th percentile are no part of the body
+WILD = 6.0  # misfits of single track positions beyond this many times the median are left out
+COHERENT_SHARE = 0.5  # of the track noise that is common to all points
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Observed motion in n leading coordinates: displacement(t, m) = sum_i q_i(t) shape_i(m) + products of the q's + noise.
+
+    Products (foreshortening and the like) are second order in the amplitude; linear modes must not be asked to explain
+    them, so that only the first-order part is kept. Shapes have unit root mean square over the points, so the q's are metres.
+    """
+
+    points: np.ndarray  # body frame at frame 0 [m], (M, 3)
+    coordinates: np.ndarray  # [m], (T, n)
+    shapes: np.ndarray  # (M, 3, n); without depth across the line of sight
+    across: np.ndarray | None  # projectors across the line of sight, (M, 3, 3); None with depth
+    known: np.ndarray  # frames in which anything was seen, bool, (T,)
+    noise_m: float  # of one coordinate of one track [m]
+    displacement: np.ndarray  # as tracked, 0 where not valid [m], (T, M, 3)
+    valid: np.ndarray  # bool, (T, M)
+
+    @property
+    def coherent_m(self) -> float:
+        """Standard deviation [m] of a coordinate q: the part of the tracking error that is common to the points."""
+        return COHERENT_SHARE * self.noise_m
+
+    @property
+    def size_m(self) -> float:
+        """Root mean square of the motion [m]."""
+        return float(np.sqrt((self.coordinates[self.known] ** 2).sum(1).mean()))
+
+    def seen_basis(self, modal: ModalModel) -> np.ndarray:
+        """Modal basis at the points as it is observed, (M, 3, r)."""
+        value = modal.evaluate(self.points)[0]
+        return value if self.across is None else np.einsum("mij,mjr->mir", self.across, value)
+
+    def misfit_share(self, modal: ModalModel, q: np.ndarray) -> float:
+        """Mean squared misfit of a modal motion (T, r) from frame 0 on the tracks over their mean squared motion."""
+        predicted = np.einsum("mcr,tr->tmc", self.seen_basis(modal), q)
+        error = ((predicted - self.displacement) ** 2).sum(2)[self.valid].sum()
+        return float(error / max((self.displacement**2).sum(2)[self.valid].sum(), 1e-300))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The linear observation of modal coordinates, compressed without loss to d numbers a frame.
+
+    |data[t] - operator @ q|^2 is the mean squared misfit over the points, summed over x, y, z [m^2].
+    """
+
+    data: np.ndarray  # [m], (T, d)
+    operator: np.ndarray  # (d, r)
+
+    @classmethod
+    def of(cls, motion: Motion, modal: ModalModel) -> Projection:
+        """Projection on the span of the observed and the modal shapes."""
+        count = np.sqrt(len(motion.points))
+        shapes = motion.shapes.reshape(-1, motion.shapes.shape[2]) / count
+        basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
+        frame, _ = np.linalg.qr(np.column_stack([shapes, basis]))
+        return cls(motion.coordinates @ (frame.T @ shapes).T, frame.T @ basis)
+
+
+def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
+    """Leading coordinates of the tracks. The camera fixes the lines of sight where the tracks have no depth; the thickness
+    axis stands in for it."""
+    points = body.to_body(tracks.points)
+    displacement = np.where(tracks.valid[..., None], points - points[:1], 0.0)
+    across = None if tracks.has_depth else _across(points[0], None if camera is None else body.to_body(camera.position))
+    if across is not None:
+        displacement = np.einsum("mij,tmj->tmi", across, displacement)
+    known = tracks.valid.mean(1) > 0.05
+    known[0] = True
+    valid = _plausible(displacement, tracks.valid, tracks.noise_m)
+    principal = _principal(points[0], displacement, valid, known)
+    principal = principal - principal[:1]
+    q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
+    shapes, misfit = _regress(q, displacement, valid)
+    calm = valid & (misfit < WILD * np.median(misfit[valid]))
+    kept = calm[known].mean(0) > LEAST_SEEN
+    shapes, _ = _regress(q, displacement[:, kept], calm[:, kept])
+    size = np.sqrt((shapes**2).sum((0, 1)) / len(shapes))
+    seen_across = None if across is None else across[kept]
+    return Motion(points[0, kept], q * size, shapes / size, seen_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+
+
+def _plausible(displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> np.ndarray:
+    """Valid entries (T, M) without leaps to the background."""
+    length = np.where(valid, np.linalg.norm(displacement, axis=2), np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames in which nothing was seen
+        usual = np.nanpercentile(length, 95, axis=1)
+    return valid & (np.nan_to_num(length) <= FARTHEST * np.nan_to_num(usual)[:, None] + 10 * noise_m)
+
+
+def _across(points: np.ndarray, eye: np.ndarray | None) -> np.ndarray:
+    sight = np.array([0.0, 0.0, 1.0]) * np.ones_like(points) if eye is None else points - eye
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    return np.eye(3) - sight[:, :, None] * sight[:, None, :]
+
+
+def _principal(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Principal coordinates (T, k) [m, root mean square over the points] of the points that are seen nearly always."""
+    share = valid[known].mean(0)
+    steady = share >= min(STEADY_SHARE, np.sort(share)[-min(STEADY_POINTS, len(share))])
+    filled = _from_neighbours(points, displacement, valid & known[:, None])[:, steady]
+    flat = filled.reshape(len(filled), -1)
+    for _ in range(ROBUST_ROUNDS):
+        u, s, vt = np.linalg.svd(flat, full_matrices=False)
+        smooth = (u[:, :CANDIDATES] * s[:CANDIDATES]) @ vt[:CANDIDATES]
+        error = np.linalg.norm(filled - smooth.reshape(filled.shape), axis=2)
+        wild = np.repeat(error > OUTLIER * np.median(error) + 1e-12, 3, 1)
+        flat = np.where(wild, smooth, filled.reshape(flat.shape))
+    return u[:, :CANDIDATES] * s[:CANDIDATES] / np.sqrt(filled.shape[1])
+
+
+def _from_neighbours(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Displacements (T, M, 3) with those that are not valid taken from the nearest points that are; a frame in which nothing
+    was seen lies between its neighbours in time."""
+    filled, some = displacement.copy(), valid.any(1)
+    for t in np.flatnonzero(some & ~valid.all(1)):
+        distance, near = cKDTree(points[valid[t]]).query(points[~valid[t]], k=min(NEIGHBOURS, int(valid[t].sum())))
+        weight = 1 / np.maximum(distance.reshape(len(near), -1), 1e-9)
+        weight /= weight.sum(1, keepdims=True)
+        filled[t, ~valid[t]] = np.einsum("mk,mkc->mc", weight, displacement[t, valid[t]][near.reshape(weight.shape)])
+    frames = np.arange(len(filled))
+    for t in np.flatnonzero(~some):
+        before, after = frames[some & (frames < t)][-1], frames[some & (frames > t)][:1]
+        share = (t - before) / (after[0] - before) if len(after) else 0.0
+        filled[t] = filled[before] + share * (filled[after[0] if len(after) else before] - filled[before])
+    return filled
+
+
+def _products(q: np.ndarray) -> np.ndarray:
+    n = q.shape[1]
+    return np.stack([q[:, i] * q[:, j] for i in range(n) for j in range(i, n)], 1) if n else np.zeros((len(q), 0))
+
+
+def _first_order(principal: np.ndarray, *, floor: float) -> list[int]:
+    """Coordinates that move enough and are not products of those before."""
+    chosen = [0]
+    for k in range(1, principal.shape[1]):
+        q = principal[:, k]
+        if len(chosen) == MOST_COORDINATES or q.std() < max(LEAST_SHARE * principal[:, 0].std(), 1.5 * floor):
+            break
+        terms = np.column_stack([_products(principal[:, chosen]), principal[:, chosen], np.ones(len(q))])
+        scaled = terms / np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
+        rest = q - scaled @ np.linalg.lstsq(scaled, q, rcond=None)[0]
+        if rest.var() > 0.5 * q.var():
+            chosen.append(k)
+    return chosen
+
+
+def _regress(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First-order shapes (M, 3, n) of all points, by least squares on the q's and their products over the valid frames,
+    and the lengths of what is left [m], (T, M)."""
+    size = np.maximum(np.abs(q).max(0), 1e-300)
+    terms = np.column_stack([q / size, _products(q / size)])
+    fits = np.stack([np.linalg.lstsq(terms[v], displacement[v, m], rcond=1e-9)[0] for m, v in enumerate(valid.T)])
+    misfit = np.linalg.norm(displacement - np.einsum("tk,mkc->tmc", terms, fits), axis=2)
+    return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), misfit

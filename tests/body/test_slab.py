@@ -1,0 +1,251 @@
+"""The solid built from one view has the size and place of the true one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros.body import build_body
+from diffphys_ros.body.edges import coverage
+from diffphys_ros.body.solid import local_half_width
+from diffphys_ros.body.view import front_level, height_noise
+from diffphys_ros.config import Settings
+from diffphys_ros.depth import surface_depth
+from diffphys_ros.errors import InputError
+from diffphys_ros.types import Body, Camera, Clip
+from tests.boxes import Box, bar, bar_settings, box_clip, camera_at, oblique_camera, turned
+
+PIXEL_M = 0.0016  # of the oblique camera on the bar
+
+
+def solid(clip: Clip, settings: Settings) -> Body:
+    return build_body(clip, surface_depth(clip, settings)[0], settings)
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    return box_clip(bar(cuts=(0.08,)), [np.eye(4)], oblique_camera())
+
+
+def edges(body: Body) -> np.ndarray:
+    """Low and high x and y of the silhouette [m], (2, 2): half of the cross-section's area lies inside them at each side."""
+    x, y = body.inside.sum(0), body.inside.sum(1)
+    width, length = np.median(y[y > 0]), np.median(x[x > 0])
+    middle = body.origin[1] + body.pitch_m * (np.arange(len(x)) @ x) / x.sum()
+    return np.array([[0.0, middle - width * body.pitch_m / 2], [length * body.pitch_m, middle + width * body.pitch_m / 2]])
+
+
+@pytest.mark.parametrize("depth", [True, False])
+def test_volume_and_extents_are_true_to_a_third_of_a_pixel(clip: Clip, depth: bool) -> None:
+    body = solid(clip if depth else replace(clip, depth=None), bar_settings())
+    assert body.volume_m3 == pytest.approx(bar().volume, rel=0.012)
+    assert np.abs(edges(body) - [[0, -0.03], [0.24, 0.03]]).max() < 0.35 * PIXEL_M
+
+
+def test_the_body_frame_leaves_the_clamp_and_looks_at_the_camera(clip: Clip) -> None:
+    body = solid(clip, bar_settings())
+    assert body.clamped
+    assert np.allclose(body.world_from_body[:3, :3].T, [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    assert np.linalg.det(body.world_from_body[:3, :3]) == pytest.approx(1)
+    assert np.allclose(body.world_from_body[:3, 3], 0, atol=4e-4)
+    assert np.allclose(body.half_thickness[body.inside].max(), 0.025)
+
+
+def test_the_clamped_plane_is_5_mm_inside_the_face_through_which_the_body_leaves(clip: Clip) -> None:
+    deep = bar_settings(scene__clamp_box_m=[-0.05, -0.03, -0.035, 0.025, 0.03, 0.035])
+    body = solid(clip, deep)
+    assert body.world_from_body[0, 3] == pytest.approx(0.02)
+    assert body.inside.any(1).sum() * body.pitch_m == pytest.approx(0.22, abs=0.5 * PIXEL_M)
+
+
+def test_a_root_hidden_behind_its_mount_is_continued_to_the_clamp() -> None:
+    mount = Box(np.array([-0.06, -0.06, -0.06]), np.array([0.0, 0.06, 0.06]))
+    camera = camera_at((-0.2, -0.4, 0.05), (0.08, 0, 0))
+    clip = box_clip(bar(), [np.eye(4)], camera, mount=mount)
+    visible = np.flatnonzero(clip.labels[0].any(0))[0] - camera.project(np.array([0.0, -0.025, 0]))[0][0]
+    assert visible > 5
+    body = solid(clip, bar_settings())
+    assert body.volume_m3 == pytest.approx(bar().volume, rel=0.015)
+    assert body.inside[0].any()
+
+
+def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip) -> None:
+    gap = 6 * PIXEL_M
+    body = solid(clip, bar_settings(scene__clamp_box_m=[-0.05, -0.03, -0.035, 0.005 - gap, 0.03, 0.035]))
+    assert body.inside[0].any()
+    assert body.volume_m3 == pytest.approx(bar().volume * (0.24 + gap) / 0.24, rel=0.015)
+    assert f"{1e3 * gap:.0f}" in body.sources["clamp"].split(" mm before")[0].split("ends ")[1] or "9." in body.sources["clamp"]
+    assert "clamp" not in solid(clip, bar_settings()).sources
+
+
+def test_a_clamp_box_beside_the_object_is_refused(clip: Clip) -> None:
+    with pytest.raises(InputError, match="clamp_box_m"):
+        solid(clip, bar_settings(scene__clamp_box_m=[-0.05, -0.03, 0.045, -0.01, 0.03, 0.055]))
+
+
+def test_a_clamp_box_away_from_the_object_is_refused(clip: Clip) -> None:
+    away = bar_settings(scene__clamp_box_m=[-0.305, -0.03, -0.035, -0.295, 0.03, 0.035])
+    with pytest.raises(InputError, match=r"clamp_box_m.*nearest point of the object is 0\.29\d m away.*move the box"):
+        solid(clip, away)
+
+
+@pytest.mark.parametrize("box", [[-10, -10, -10, 10, 10, 10], [-0.1, -0.05, -0.05, 0.3, 0.05, 0.05]])
+def test_a_clamp_box_that_holds_the_object_is_refused(clip: Clip, box: list[float]) -> None:
+    with pytest.raises(InputError, match=r"clamp_box_m.*% of the visible object lies beyond its clamped plane, must be at least 25 %; draw the box around the held end"):
+        solid(clip, bar_settings(scene__clamp_box_m=box))
+
+
+def test_a_clamp_box_with_swapped_corners_is_refused(clip: Clip) -> None:
+    with pytest.raises(InputError, match="each maximum must exceed its minimum"):
+        solid(clip, bar_settings(scene__clamp_box_m=[0.005, -0.03, -0.035, -0.005, 0.03, 0.035]))
+
+
+def test_a_thickness_axis_that_the_camera_looks_past_is_refused(clip: Clip) -> None:
+    with pytest.raises(InputError, match=r"thickness_axis.*line of sight"):
+        solid(clip, bar_settings(scene__thickness_axis=[1.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("length", [1e308, 1e-320, 1.7e308])
+def test_how_long_the_thickness_axis_is_does_not_matter(clip: Clip, length: float) -> None:
+    usual, other = (solid(clip, bar_settings(scene__thickness_axis=[0.0, size, 0.0])) for size in (1.0, length))
+    np.testing.assert_array_equal(other.world_from_body, usual.world_from_body)
+    assert bar_settings(scene__thickness_axis=[length, -length, length]).scene.thickness_unit == pytest.approx([3**-0.5, -(3**-0.5), 3**-0.5])
+
+
+def test_parts_lie_where_their_pixels_lie(clip: Clip) -> None:
+    body = solid(clip, bar_settings())
+    x = np.linspace(0.002, 0.238, 60)
+    points = np.stack([x, 0 * x], -1)
+    assert np.array_equal(body.part_at(points)[np.abs(x - 0.08) > 0.002], np.where(x < 0.08, 1, 2)[np.abs(x - 0.08) > 0.002])
+
+
+def test_mass_fixes_density_and_says_so(clip: Clip) -> None:
+    body = solid(clip, bar_settings())
+    assert body.density * body.volume_m3 == pytest.approx(0.36)
+    assert body.sources["density"] == "mass_kg over the filled volume"
+
+
+@pytest.mark.parametrize(("mass_kg", "density"), [(1e-6, "0.00"), (1e5, "1.")])
+def test_a_mass_that_no_solid_of_this_size_has_is_doubted_in_the_notes(clip: Clip, mass_kg: float, density: str) -> None:
+    said = solid(clip, bar_settings(scene__mass_kg=mass_kg)).sources["density"]
+    assert said.startswith("mass_kg over the filled volume, which makes " + density)
+    assert "kg/m^3 where solids have 1 .. 30000: check mass_kg" in said
+
+
+def test_densities_per_part_are_scaled_to_the_mass(clip: Clip) -> None:
+    body = solid(clip, bar_settings(scene__density_kg_m3=[300.0, 900.0]))
+    assert body.density[1] / body.density[0] == pytest.approx(3)
+    mass = (body.density[body.part - 1] * 2 * body.half_thickness).sum() * body.pitch_m**2
+    assert mass == pytest.approx(0.36, rel=1e-6)
+
+
+def test_an_assumed_density_is_stated(clip: Clip) -> None:
+    body = solid(clip, bar_settings(scene__mass_kg=None))
+    assert (body.density == 1000).all()
+    assert body.sources["density"].startswith("assumed")
+
+
+def test_a_density_list_of_another_length_than_the_parts_is_refused(clip: Clip) -> None:
+    with pytest.raises(InputError, match=r"density_kg_m3 has 3 values, must be 1 or 2"):
+        solid(clip, bar_settings(scene__density_kg_m3=[1.0, 2.0, 3.0]))
+
+
+def test_gravity_is_given_in_the_body_frame(clip: Clip) -> None:
+    body = solid(clip, bar_settings(scene__gravity_m_s2=[1.0, 2.0, -9.81]))
+    assert np.allclose(body.gravity, [1.0, -9.81, -2.0])
+
+
+def test_without_thickness_the_width_of_the_silhouette_is_taken(clip: Clip) -> None:
+    body = solid(clip, bar_settings(scene__thickness_m=None))
+    x, y = (body.inside.shape[0] // 2, body.inside.shape[1] // 2)
+    assert body.half_thickness[x, y] == pytest.approx(0.03, abs=PIXEL_M)
+    assert "width" in body.sources["thickness"]
+
+
+def test_without_a_clamp_the_body_starts_at_its_lower_edge(clip: Clip) -> None:
+    body = solid(clip, bar_settings(scene__clamp_box_m=None, scene__gravity_m_s2=[0.0, 0.0, -9.81]))
+    assert not body.clamped
+    assert np.allclose(body.world_from_body[:3, 0], [0, 0, 1])
+    assert body.to_body(np.array([0.1, 0.0, -0.03]))[0] == pytest.approx(0, abs=PIXEL_M)
+    assert body.volume_m3 == pytest.approx(bar().volume, rel=0.02)
+
+
+def test_a_camera_without_a_pose_still_gives_a_body() -> None:
+    camera = camera_at((0.12, -0.5, 0.0), (0.12, 0, 0))
+    clip = box_clip(bar(), [np.eye(4)], camera)
+    local = replace(clip, camera=Camera(camera.pixel_from_camera, np.eye(4), camera.width, camera.height, "camera", "camera"))
+    body = solid(local, bar_settings(scene__clamp_box_m=None, scene__thickness_axis=None))
+    assert body.volume_m3 == pytest.approx(bar().volume, rel=0.02)
+
+
+def test_the_local_width_of_a_step_is_that_of_each_side() -> None:
+    inside = np.zeros((200, 80), bool)
+    inside[20:100, 10:70], inside[100:180, 30:50] = True, True
+    width = local_half_width(inside)
+    assert width[60, 40] == pytest.approx(30, abs=1.5)
+    assert width[170, 40] == pytest.approx(10, abs=1.5)
+
+
+def test_edge_pixels_are_shared_between_object_and_background() -> None:
+    edge = 40.3
+    cover = np.clip(edge - (np.arange(80) - 0.5), 0, 1)
+    frame = (cover[:, None] * np.array([200.0, 40, 30]) + (1 - cover[:, None]) * np.array([80.0, 90, 100]))[None].repeat(30, 0)
+    mask = (np.arange(80) < edge)[None].repeat(30, 0)
+    soft = coverage(np.round(frame).astype(np.uint8), mask)
+    assert np.abs(soft.sum(1) - cover.sum()).max() < 0.12
+    assert np.abs(mask.sum(1) - cover.sum()).max() > 0.15
+
+
+@pytest.mark.parametrize("name", ["beam_gust", "beam_two_part", "plant_poke"])
+def test_the_volume_of_a_truth_scene_is_met_within_one_percent(name: str, scenes: Path) -> None:
+    from diffphys_ros.bags.read import read_clip
+    from diffphys_ros.config import layered
+    from diffphys_ros.segment.given import given_mask
+
+    settings = layered([scenes / name / "given.yaml"])
+    clip = read_clip(scenes / name / "clip.mcap", settings)
+    body = solid(clip.with_labels(given_mask(clip, settings)[None].repeat(len(clip), 0)), settings)
+    with np.load(scenes / name / "truth.npz") as truth:
+        assert body.volume_m3 == pytest.approx(truth["vertex_volume"].sum(), rel=0.01)
+        length = body.pitch_m * (np.flatnonzero(body.inside.any(1))[-1] + 1)
+        assert length == pytest.approx(body.to_body(truth["positions"][0])[:, 0].max(), abs=2.5 * body.pitch_m)  # a pixel is 3 cells
+
+
+@pytest.mark.parametrize("degrees", [1.0, 4.0])
+def test_a_front_that_recedes_thins_the_body_by_as_much_from_where_it_is_highest(degrees: float) -> None:
+    slope = np.tan(np.deg2rad(degrees))
+    body = solid(box_clip(bar(), [turned(np.deg2rad(degrees), 2)], oblique_camera()), bar_settings())
+    x = body.origin[0] + body.pitch_m * np.arange(len(body.inside))
+    middle = body.inside.shape[1] // 2
+    for at in (0.06, 0.12, 0.2):
+        assert np.median(body.half_thickness[np.abs(x - at) < 0.01, middle]) == pytest.approx(0.025 - slope * at, abs=6e-4)
+
+
+def test_the_noise_of_a_tilted_curved_surface_is_that_of_its_heights() -> None:
+    v, u = np.mgrid[:80, :100]
+    smooth = 0.001 * u + 2e-5 * (v - 40.0) ** 2
+    mask = (u > 10) & (u < 90)
+    noisy = smooth + np.random.default_rng(0).normal(0, 5e-4, u.shape)
+    assert height_noise(noisy, mask) == pytest.approx(5e-4, rel=0.1)
+    assert height_noise(smooth, mask) < 1e-9
+    assert height_noise(smooth, (u == 10) & (v < 8)) == 0.0
+
+
+def test_the_front_is_where_the_surface_is_highest_whatever_specks_rise_before_it() -> None:
+    u = np.mgrid[:60, :90][1]
+    mask = np.ones(u.shape, bool)
+    specks = np.random.default_rng(1).uniform(size=u.shape) < 0.02
+    noise = np.random.default_rng(2).normal(0, 2e-4, u.shape)
+    for surface in (np.zeros(u.shape), -2e-4 * u):
+        height = surface + noise + np.where(specks, 0.05, 0.0)
+        assert front_level(height, mask, 2e-4) == pytest.approx(0.0, abs=7e-4)
+
+
+def test_a_part_without_cells_is_refused_by_its_number(clip: Clip) -> None:
+    labels = clip.labels.copy()
+    labels[:, labels[0] > 0] += 1  # no pixel is left to part 1
+    with pytest.raises(InputError, match=r"part 1 of \d covers no cell of the object"):
+        build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())

@@ -1,0 +1,52 @@
+"""What is said of a recording that is not what it is taken for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.config import build
+from diffphys_ros.inverse.doubts import doubts_of
+from diffphys_ros.types import Tracks
+
+from .conftest import FRAMES, make_tracks
+
+AT_REST, IN_MOTION = build({"scene.at_rest": True}), build({"scene.at_rest": False})
+
+
+@pytest.fixture(scope="module")
+def filmed(prepared):
+    """A clip whose background tells nothing."""
+    clip = replace(prepared.clip, labels=np.zeros(prepared.clip.frames.shape[:3], np.uint8))
+    return replace(prepared, clip=clip, tracks=make_tracks(prepared.body, prepared.modal, prepared.start))
+
+
+def shown(tracks: Tracks, chosen: np.ndarray) -> Tracks:
+    return replace(tracks, pixels=tracks.pixels[chosen], points=tracks.points[chosen], valid=tracks.valid[chosen])
+
+
+def doubted(p, chosen: np.ndarray, settings=AT_REST):
+    clip = replace(p.clip, frames=p.clip.frames[chosen], labels=p.clip.labels[chosen])
+    return doubts_of(clip, shown(p.tracks, chosen), p.body, p.start, settings)
+
+
+def test_a_sound_clip_leaves_no_doubt(filmed):
+    assert doubted(filmed, np.arange(FRAMES)) == ()
+
+
+def test_frames_that_are_missing_are_doubted_by_the_frame_and_leave_the_stiffness(filmed):
+    forced = np.flatnonzero(filmed.start.forced)
+    cut = int(forced[0]) + 3
+    (doubt,) = doubted(filmed, np.r_[:cut, cut + 5 : FRAMES])
+    assert f"between frames {cut - 1} and {cut}" in doubt.text
+    assert not doubt.of_young
+
+
+def test_rest_that_is_told_and_untrue_is_doubted_and_none_told_is_not(filmed):
+    late = np.arange(int(np.flatnonzero(filmed.start.forced)[-1]) + 2, FRAMES)
+    (doubt,) = doubted(filmed, late)
+    assert "scene.at_rest" in doubt.text
+    assert doubt.of_young
+    assert doubted(filmed, late, IN_MOTION) == ()

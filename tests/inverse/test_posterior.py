@@ -1,0 +1,67 @@
+"""What is said of stiffness and force, by what the recording and the answer leave open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.inverse.posterior import Confidence, Explained, of_answer
+from diffphys_ros.inverse.unknowns import Layout
+from diffphys_ros.types import Doubt
+
+SIZE_M = 0.01
+GAP, CAMERA = Doubt("frames are missing", of_young=False), Doubt("the camera moves", of_young=True)
+
+
+def said(prepared, *, missed_m: float = 1e-4, simulated: bool = True) -> Confidence:
+    layout = Layout.of(prepared.start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.ones((2, prepared.modal.modes)), held=())
+    explained = Explained(missed_m / np.sqrt(3), SIZE_M, np.eye(layout.size))
+    return of_answer(prepared, layout, explained, simulated=simulated)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_an_answer_that_follows_the_motion_of_a_sound_clip_knows_its_force_and_says_how_well(prepared, simulated):
+    found = said(prepared, simulated=simulated)
+    assert found.identified.all()
+    assert found.force_identified
+    assert found.force_reason == "the answer misses 0.10 mm of a motion of 10.00 mm, where the tracks' noise is 0.10 mm."
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_an_answer_that_misses_much_of_the_motion_knows_no_force(prepared, simulated):
+    found = said(prepared, missed_m=0.2 * SIZE_M, simulated=simulated)
+    assert not found.force_identified
+    assert "misses 2.00 mm" in found.force_reason
+
+
+def test_a_misfit_within_the_noise_is_forgiven_however_small_the_motion(prepared):
+    noisy = replace(prepared, tracks=replace(prepared.tracks, noise_m=5e-4))
+    assert said(noisy, missed_m=0.2 * SIZE_M).force_identified
+
+
+def test_a_gap_in_the_clip_takes_the_force_and_leaves_the_stiffness(prepared):
+    found = said(replace(prepared, doubts=(GAP,)))
+    assert found.identified.all()
+    assert (found.force_identified, found.force_reason) == (False, "frames are missing.")
+
+
+def test_a_moving_camera_takes_both(prepared):
+    found = said(replace(prepared, doubts=(CAMERA,)))
+    assert not found.identified.any()
+    assert set(found.reasons) == {"the camera moves."}
+    assert (found.log10_young_sd >= 0.5).all()
+    assert not found.force_identified
+
+
+def test_without_any_stiffness_there_is_no_force(prepared):
+    start = replace(prepared.start, identified=np.zeros(2, bool), reasons=("it hardly moves.",) * 2)
+    found = said(replace(prepared, start=start))
+    assert not found.force_identified
+    assert "it hardly moves." in found.force_reason
+
+
+def test_a_part_that_hardly_strains_takes_no_force_from_the_other(prepared):
+    start = replace(prepared.start, identified=np.array([True, False]))
+    assert said(replace(prepared, start=start)).force_identified

@@ -1,0 +1,95 @@
+"""What is held stays, and takes the values of an earlier result where that is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffphys_ros import result, store
+from diffphys_ros.config import Settings, build, flat
+from diffphys_ros.errors import InputError
+from diffphys_ros.inverse import solve
+from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.types import Recovery
+
+from .conftest import YOUNG
+from .test_solve import drive
+
+FORCE_ALONE = ["young", "damping", "density", "poisson"]
+MATERIAL_ALONE = ["force", "density", "poisson"]
+
+
+@pytest.fixture(scope="module")
+def earlier(prepared: Prepared, quick_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> tuple[Recovery, Path]:
+    """A result of the clip, and its folder."""
+    folder = tmp_path_factory.mktemp("earlier")
+    recovery = drive(solve(prepared, None, quick_settings))[1]
+    result.save(recovery, prepared.clip, quick_settings, folder)
+    return recovery, folder
+
+
+def solved(prepared: Prepared, quick_settings: Settings, **fit: object) -> Recovery:
+    return drive(solve(prepared, None, build(flat(quick_settings) | {f"fit.{name}": value for name, value in fit.items()})))[1]
+
+
+def young_of(recovery: Recovery) -> np.ndarray:
+    return np.array([np.median(recovery.young[recovery.part == part]) for part in (1, 2)])
+
+
+def off(prepared: Prepared, **changes: object) -> Prepared:
+    return replace(prepared, start=replace(prepared.start, **changes))
+
+
+def test_a_modulus_that_is_held_stays_though_the_clip_speaks_against_it(prepared: Prepared, quick_settings: Settings) -> None:
+    stiff = off(prepared, young=1.3 * YOUNG, log10_young_sd=np.full(2, 0.15))
+    np.testing.assert_allclose(young_of(solved(stiff, quick_settings, hold=FORCE_ALONE)), 1.3 * YOUNG, rtol=1e-6)
+
+
+def test_force_alone_is_sought_where_the_stiffness_is_that_of_an_earlier_result(prepared: Prepared, quick_settings: Settings, earlier: tuple[Recovery, Path]) -> None:
+    stiff = off(prepared, young=1.3 * YOUNG, force=0.5 * prepared.start.force)
+    found = solved(stiff, quick_settings, hold=FORCE_ALONE, prescribe=str(earlier[1]))
+    np.testing.assert_allclose(young_of(found), young_of(earlier[0]), rtol=1e-5)
+    true = earlier[0].net_force()
+    assert np.linalg.norm(found.net_force() - true) < 0.1 * np.linalg.norm(true)
+    assert found.reasons == ("told by fit.prescribe.",) * 2
+
+
+def test_material_alone_is_sought_where_the_force_is_that_of_an_earlier_result(prepared: Prepared, quick_settings: Settings, earlier: tuple[Recovery, Path]) -> None:
+    soft = off(prepared, young=0.8 * YOUNG, log10_young_sd=np.full(2, 0.15), force=np.zeros_like(prepared.start.force))
+    found = solved(soft, quick_settings, hold=MATERIAL_ALONE, prescribe=str(earlier[1] / "recovery.npz"), iterations=6)
+    np.testing.assert_allclose(found.net_force(), earlier[0].net_force(), atol=1e-3 * np.abs(earlier[0].net_force()).max())
+    np.testing.assert_allclose(young_of(found), YOUNG, rtol=0.08)
+
+
+@pytest.mark.parametrize(
+    ("fit", "said"),
+    [
+        ({"hold": ["stiffness"]}, "fit.hold holds 'stiffness', must be of young"),
+        ({"hold": ["young", "damping", "force", "motion", "density", "poisson"]}, "fit.hold holds every unknown"),
+        ({"prescribe": "/none/here.npz"}, "fit.prescribe /none/here.npz: no such file"),
+    ],
+)
+def test_what_cannot_be_held_or_read_is_refused(prepared: Prepared, quick_settings: Settings, fit: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        solved(prepared, quick_settings, **fit)
+
+
+def test_a_result_of_another_clip_or_without_a_part_is_refused(prepared: Prepared, quick_settings: Settings, earlier: tuple[Recovery, Path], tmp_path: Path) -> None:
+    arrays = store.read_arrays(earlier[1] / "recovery.npz", "result")
+    shorter = store.write_arrays(tmp_path / "short.npz", arrays | {"force": arrays["force"][:-1]})
+    with pytest.raises(InputError, match="has 13 frames, the clip has 14; give a result of this clip"):
+        solved(prepared, quick_settings, hold=FORCE_ALONE, prescribe=str(shorter))
+    vague = store.write_arrays(tmp_path / "vague.npz", arrays | {"young": np.where(arrays["part"] == 2, np.nan, arrays["young"])})
+    with pytest.raises(InputError, match=r"tells no young of part 2 of 2; take young out of fit\.hold"):
+        solved(prepared, quick_settings, hold=FORCE_ALONE, prescribe=str(vague))
+
+
+def test_densities_that_are_sought_keep_near_what_was_assumed_and_are_told(prepared: Prepared, quick_settings: Settings) -> None:
+    found = solved(off(prepared, force=0.6 * prepared.start.force), quick_settings, hold=["poisson"])
+    assert found.metrics["refined"]
+    density = [np.median(found.density[found.part == part]) for part in (1, 2)]
+    assert np.ptp(density) > 0
+    np.testing.assert_allclose(density, 600.0, rtol=0.1)

@@ -1,0 +1,101 @@
+"""Bars and their motion, made from the modal model on a mesh of its own, so that nothing is fitted on the mesh it came from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from diffphys_ros.config import Scene, Settings
+from diffphys_ros.elements.assemble import Elements, modal_model
+from diffphys_ros.elements.mesh import element_size, solid_mesh
+from diffphys_ros.modes.model import ModalModel
+from diffphys_ros.types import Body, Camera, Tracks
+
+LENGTH, HEIGHT, THICKNESS = 0.3, 0.1, 0.125  # m
+YOUNG = np.array([2.0e5, 1.1e5])  # Pa
+FRAMES, PERIOD_S = 42, 1 / 30
+FORCED = slice(3, 11)
+BETA = 1e-3  # s
+NOISE_M, COHERENT_M = 1e-4, 3e-5
+
+
+def bar(
+    *,
+    length: float = LENGTH,
+    height: float = HEIGHT,
+    thickness: float = THICKNESS,
+    edges: tuple[float, ...] = (LENGTH / 3,),
+    density: float = 600.0,
+    poisson: float = 0.3,
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    clamped: bool = True,
+    pitch: float = 5e-4,
+) -> Body:
+    """A bar along x, of parts that meet at `edges` [m]; world and body frames agree."""
+    nx, ny = round(length / pitch), round(height / pitch)
+    x = (np.arange(nx) + 0.5) * pitch
+    part = np.repeat((1 + np.searchsorted(edges, x)).astype(np.uint8)[:, None], ny, 1)
+    parts = len(edges) + 1
+    return Body(
+        np.eye(4),
+        np.ones((nx, ny), bool),
+        np.array([pitch / 2, -height / 2 + pitch / 2]),
+        pitch,
+        np.full((nx, ny), thickness / 2),
+        part,
+        np.full(parts, density),
+        np.full(parts, poisson),
+        np.array(gravity),
+        clamped,
+        {},
+    )
+
+
+def modes_of(body: Body, young: np.ndarray, *, finer: float = 1.0, count: int = 8) -> ModalModel:
+    """Modes at Young's moduli on a mesh of its own size."""
+    mesh = solid_mesh(body, finer * element_size(body))
+    return modal_model(Elements.of(body, mesh), [young], [count])
+
+
+def gust(direction: tuple[float, float, float] = (0.0, 0.6, 1.0), peak: float = 2500.0) -> np.ndarray:
+    """Uniform force density (T, 3) [N/m^3]: one sine over the forced frames."""
+    count = FORCED.stop - FORCED.start
+    force = np.zeros((FRAMES, 3))
+    force[FORCED] = peak * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)[:, None] * direction
+    return force
+
+
+def motion(modal: ModalModel, young: np.ndarray, force: np.ndarray, **start: np.ndarray) -> np.ndarray:
+    """Basis coordinates (T, r) under a uniform force."""
+    load = force @ modal.footprint_load().T
+    return modal.respond(young, mass_damping=0.0, stiffness_damping=BETA, load=load, period_s=PERIOD_S, **start)
+
+
+def camera() -> Camera:
+    """Looks along -z at the bar from 0.6 m."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = [LENGTH / 2, 0.0, 0.6]
+    return Camera(np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]]), pose, 320, 240, "camera", "world")
+
+
+def tracks(modal: ModalModel, q: np.ndarray, *, seed: int = 0, count: int = 200, depth: bool = True) -> Tracks:
+    """Noisy points of the front face; without depth they keep the depth of frame 0."""
+    rng = np.random.default_rng(seed)
+    size = modal.nodes.max(0)
+    points = np.column_stack([rng.uniform(0.1, 0.98, count) * size[0], rng.uniform(-0.95, 0.95, count) * size[1], np.full(count, size[2])])
+    path = points + np.einsum("mcr,tr->tmc", modal.evaluate(points)[0], q - q[:1])
+    noise = NOISE_M * rng.standard_normal(path.shape) + COHERENT_M * rng.standard_normal((len(q), 1, 3))
+    noise[0] = 0.0
+    valid = rng.random(path.shape[:2]) < 0.95
+    valid[0] = True
+    seen = path + noise
+    pixels, distance = camera().project(seen)
+    if not depth:
+        seen = camera().backproject(pixels, np.repeat(distance[:1], len(q), 0))
+    return Tracks(pixels, seen, valid, depth, NOISE_M)
+
+
+def settings(**scene: object) -> Settings:
+    """Defaults, with what is known of the scene."""
+    return replace(Settings(), scene=replace(Scene(), **scene))  # type: ignore[arg-type]

@@ -1,0 +1,40 @@
+"""How tests are shared out among pytest-xdist's workers: what builds on the same whole recovery stays together, the longest goes first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from xdist.scheduler import LoadFileScheduling
+
+CAPTURE, GATES, CLIPS = "tests/capture/", "tests/gates/", ("bar", "strip", "flat")
+OF_CLIP = {"test_strip": "strip", "test_evidence": "strip", "test_damping": "flat"}  # by file; the others look at the bar
+LONGEST = (f"{GATES}strip", f"{GATES}bar", "tests/nodes/test_graph.py", "tests/inverse/test_fields.py", "tests/start/test_values.py")
+
+
+def group_of(node: str) -> str:
+    """Tests of one group go to one worker: those of a file, those that look at the one capture, and the
+    gates of a clip, whose recoveries last for the session."""
+    file = node.split("::", 1)[0]
+    if file.startswith(CAPTURE):
+        return CAPTURE
+    if not file.startswith(GATES):
+        return file
+    named = next((clip for clip in CLIPS if node.endswith(f"[{clip}]")), None)
+    return GATES + (named or OF_CLIP.get(file.removeprefix(GATES).removesuffix(".py"), "bar"))
+
+
+def rank(node: str, slow: bool) -> int:
+    """Place in the queue; equal ones keep their order."""
+    group = group_of(node)
+    return LONGEST.index(group) if group in LONGEST else len(LONGEST) + (not slow)
+
+
+class ByGroup(LoadFileScheduling):
+    """`--dist loadfile` with the groups above."""
+
+    def __init__(self, config: Any, log: Any) -> None:
+        super().__init__(config, log)
+        config.option.loadscopereorder = False  # would begin with the files of most tests, which are the quickest
+
+    def _split_scope(self, nodeid: str) -> str:
+        return group_of(nodeid)

@@ -1,0 +1,23 @@
+"""Claims about which tests go to one worker."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("xdist")
+
+from tests.shared_out import group_of, rank
+
+GATES = "tests/gates/test_"
+
+
+def test_gates_that_use_one_recovery_go_to_one_worker() -> None:
+    strip = {group_of(f"{GATES}{name}") for name in ("strip.py::a", "evidence.py::b", "force.py::c[strip]", "spread.py::d[strip]", "doubts.py::e[strip]")}
+    bar = {group_of(f"{GATES}{name}") for name in ("bar.py::a", "grid.py::b", "checkpoint.py::c", "force.py::d[bar]", "spread.py::e[bar]", "doubts.py::f")}
+    assert len(strip) == len(bar) == 1
+    assert strip != bar
+
+
+def test_other_files_go_as_a_whole_and_the_longest_and_slow_ones_first() -> None:
+    assert group_of("tests/modes/test_zones.py::a[strip]") == group_of("tests/modes/test_zones.py::b") == "tests/modes/test_zones.py"
+    assert rank(f"{GATES}strip.py::a", True) < rank(f"{GATES}bar.py::a", True) < rank("tests/batch/test_job.py::a", True) < rank("tests/test_npz.py::a", False)
