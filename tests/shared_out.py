@@ -7,16 +7,20 @@ from typing import Any
 from xdist.scheduler import LoadFileScheduling
 
 CAPTURE, GATES, CLIPS = "tests/capture/", "tests/gates/", ("bar", "strip", "flat")
+GRAPH = "tests/nodes/test_graph.py"
+OF_FIT_NODE = (GRAPH, "tests/nodes/test_fit_node.py")  # they compare with the same fit
 OF_CLIP = {"test_strip": "strip", "test_evidence": "strip", "test_damping": "flat"}  # by file; the others look at the bar
-LONGEST = (f"{GATES}strip", f"{GATES}bar", "tests/nodes/test_graph.py", "tests/inverse/test_fields.py", "tests/start/test_values.py")
+LONGEST = (f"{GATES}strip", f"{GATES}bar", GRAPH, "tests/inverse/test_fields.py", "tests/start/test_values.py")
 
 
 def group_of(node: str) -> str:
-    """Tests of one group go to one worker: those of a file, those that look at the one capture, and the
-    gates of a clip, whose recoveries last for the session."""
+    """Tests of one group go to one worker: those of a file, those that look at the one capture or at the one
+    fit of fit_node, and the gates of a clip, whose recoveries last for the session."""
     file = node.split("::", 1)[0]
     if file.startswith(CAPTURE):
         return CAPTURE
+    if file in OF_FIT_NODE:
+        return GRAPH
     if not file.startswith(GATES):
         return file
     named = next((clip for clip in CLIPS if node.endswith(f"[{clip}]")), None)

@@ -36,7 +36,7 @@ def test_a_sound_clip_is_not_doubted(kind: str, ingested: Callable[[str], Path])
 
 
 def test_a_camera_that_turns_by_a_third_of_a_pixel_a_frame_is_noticed(prepared: Callable[..., Prepared]) -> None:
-    (doubt,) = prepared(clips.panned, source=sample_folder("bar")).doubts
+    (doubt,) = prepared(clips.panned).doubts
     assert doubt.of_young
     assert "the camera moves" in doubt.text
 

@@ -26,6 +26,10 @@ from .conftest import YOUNG, as_one_part
 from .test_solve import drive, with_young
 
 
+FORCE_ITERATIONS, MATERIAL_ITERATIONS = 14, 24  # that suffice
+ITERATIONS = 7  # of what is compared bit by bit
+
+
 def settings(**words):
     names = {name.partition(".")[2]: name for name in leaves() if name.startswith(("fit.", "experiment."))}
     return build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 2} | {names[k]: v for k, v in words.items()})
@@ -39,6 +43,36 @@ def with_force(prepared: Prepared, share: float) -> Prepared:
 @pytest.fixture(scope="module")
 def one_part(prepared) -> Prepared:
     return as_one_part(prepared, 0.4)
+
+
+@pytest.fixture(scope="module")
+def posed(prepared) -> Problem:
+    """Whatever fields are asked for: they begin where its search ended."""
+    return pose_problem(prepared, None, settings(material_field="residual"))
+
+
+@pytest.fixture(scope="module")
+def constants(posed) -> float:
+    """Loss of constants per part and vectors per frame at the start values."""
+    with torch.no_grad():
+        return Model(posed)().value
+
+
+@pytest.fixture(scope="module")
+def exact(prepared) -> Problem:
+    """In double precision."""
+    return pose_problem(prepared, None, settings(material_field="residual"), dtype=torch.float64)
+
+
+@pytest.fixture(scope="module")
+def unforced(prepared) -> Problem:
+    """Its start knows next to nothing of the gust."""
+    return pose_problem(with_force(prepared, 0.01), None, settings(material_field="residual"))
+
+
+def asking(problem: Problem, **words) -> Problem:
+    """The same problem with other words for its fields."""
+    return dataclasses.replace(problem, settings=settings(**words))
 
 
 def with_fields(problem: Problem, shift: float = 0.0) -> Model:
@@ -68,8 +102,8 @@ def test_the_words_of_the_settings_are_the_fields() -> None:
 
 
 @pytest.mark.parametrize("word", FORCE_FIELDS)
-def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_material_alone(prepared, word: str) -> None:
-    problem = pose_problem(with_force(prepared, 0.01), None, settings(force_field=word, material_field="residual", field_iterations=20))
+def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_material_alone(prepared, unforced, word: str) -> None:
+    problem = asking(unforced, force_field=word, material_field="residual", field_iterations=FORCE_ITERATIONS)
     news, model, terms = trained(problem)
     p, motion = problem.disc.particles, terms.motion
     assert terms.parts["track"] < 0.1 * news[0].loss
@@ -83,7 +117,7 @@ def test_every_force_field_finds_the_gust_from_next_to_nothing_and_leaves_the_ma
 
 @pytest.mark.parametrize("word", ["residual", "triplane"])
 def test_a_material_field_finds_the_stiffer_root_that_one_constant_cannot_hold(one_part, word: str) -> None:
-    problem = pose_problem(one_part, None, settings(material_field=word, field_iterations=24))
+    problem = pose_problem(one_part, None, settings(material_field=word, field_iterations=MATERIAL_ITERATIONS))
     constant = Model(problem)().parts["track"]
     _, _, terms = trained(problem)
     x, young = problem.disc.particles.x_rest[:, 0], terms.motion.young.numpy()
@@ -94,17 +128,15 @@ def test_a_material_field_finds_the_stiffer_root_that_one_constant_cannot_hold(o
 
 @pytest.mark.parametrize("word", FORCE_FIELDS)
 @pytest.mark.parametrize(("material", "where"), [("part", "rest"), ("residual", "rest"), ("residual", "current")])
-def test_untrained_fields_cost_what_the_search_ended_with(prepared, word: str, material: str, where: str) -> None:
-    problem = pose_problem(prepared, None, settings(force_field=word, material_field=material, force_frame=where))
+def test_untrained_fields_cost_what_the_search_ended_with(posed, constants, word: str, material: str, where: str) -> None:
+    model = with_fields(asking(posed, force_field=word, material_field=material, force_frame=where))
     with torch.no_grad():
-        assert with_fields(problem)().value == pytest.approx(Model(problem)().value, rel=1e-5)
+        assert model().value == pytest.approx(constants, rel=1e-5)
 
 
 @pytest.mark.parametrize("where", ["rest", "current"])
-def test_gradients_of_both_fields_through_the_simulation_match_central_differences(prepared, where: str) -> None:
-    words = settings(force_field="voxels", material_field="residual", force_frame=where)
-    problem = pose_problem(prepared, None, words, dtype=torch.float64)
-    model = with_fields(problem, 0.02)
+def test_gradients_of_both_fields_through_the_simulation_match_central_differences(exact, where: str) -> None:
+    model = with_fields(asking(exact, force_field="voxels", material_field="residual", force_frame=where), 0.02)
     noise = torch.Generator().manual_seed(0)
     with torch.no_grad():
         for parameter in [*model.material.parameters(), *model.force.parameters()]:
@@ -132,8 +164,8 @@ def roughened(problem: Problem) -> Model:
     return model
 
 
-def test_a_force_that_stays_in_space_is_that_of_where_each_particle_is_when_the_frame_starts(prepared) -> None:
-    problem = pose_problem(prepared, None, settings(force_field="voxels", force_frame="current"), dtype=torch.float64)
+def test_a_force_that_stays_in_space_is_that_of_where_each_particle_is_when_the_frame_starts(prepared, exact) -> None:
+    problem = asking(exact, force_field="voxels", force_frame="current")
     model = roughened(problem)
     with torch.no_grad():
         motion = model().motion
@@ -144,9 +176,9 @@ def test_a_force_that_stays_in_space_is_that_of_where_each_particle_is_when_the_
     assert float((motion.field_force[4] - at_rest).norm() / at_rest.norm()) > 0.02
 
 
-def test_the_gradient_of_a_force_that_stays_in_space_passes_through_where_the_body_is(prepared) -> None:
+def test_the_gradient_of_a_force_that_stays_in_space_passes_through_where_the_body_is(exact) -> None:
     """Stiffness moves the body, and so decides which voxels push it."""
-    problem = pose_problem(prepared, None, settings(force_field="voxels", material_field="residual", force_frame="current"), dtype=torch.float64)
+    problem = asking(exact, force_field="voxels", material_field="residual", force_frame="current")
     model = roughened(problem)
     bias = model.material.young.layers[-1].bias
     (gradient,) = torch.autograd.grad(model().total, bias)
@@ -167,7 +199,7 @@ def central_difference(model: Model, bias: torch.Tensor, step: float = 2e-4) -> 
 
 
 def test_the_loss_never_rises_and_the_fields_are_those_of_the_last_step(one_part) -> None:
-    problem = pose_problem(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=8))
+    problem = pose_problem(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=5))
     news, _, terms = trained(problem)
     losses = [n.loss for n in news]
     assert losses == sorted(losses, reverse=True)
@@ -182,12 +214,12 @@ def zoned(one_part) -> Prepared:
 
 @pytest.fixture(scope="module")
 def answer(zoned):
-    return drive(solve(zoned, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
+    return drive(solve(zoned, None, settings(material_field="residual", force_field="modes", field_iterations=ITERATIONS)))
 
 
 def test_the_answer_holds_a_modulus_and_a_force_of_every_particle(answer) -> None:
     news, recovery = answer
-    assert len({n.iteration for n in news if n.stage == "fields"}) == 10
+    assert len({n.iteration for n in news if n.stage == "fields"}) == ITERATIONS
     assert recovery.metrics["refined"]
     assert np.ptp(recovery.young) > 100
     np.testing.assert_allclose(recovery.young, recovery.young_solver * recovery.apparent_stiffness, rtol=1e-6)
@@ -207,7 +239,7 @@ def test_the_answer_is_simulated_again_from_its_file_with_the_field_that_was_sim
 
 def test_two_runs_with_fields_are_equal_to_the_bit(answer, one_part) -> None:
     """The second finds the zones by itself."""
-    _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=10)))
+    _, again = drive(solve(one_part, None, settings(material_field="residual", force_field="modes", field_iterations=ITERATIONS)))
     for name in ("young", "poisson", "force", "trajectory"):
         np.testing.assert_array_equal(getattr(again, name), getattr(answer[1], name))
 
@@ -215,13 +247,13 @@ def test_two_runs_with_fields_are_equal_to_the_bit(answer, one_part) -> None:
 @pytest.mark.parametrize("stop", [0, 1, 5])
 def test_training_that_was_interrupted_goes_on_to_the_same_answer_to_the_bit(answer, zoned, tmp_path, stop: int) -> None:
     """In the warm-up of the force, at its end, and after it."""
-    words = settings(material_field="residual", force_field="modes", field_iterations=10)
+    words = settings(material_field="residual", force_field="modes", field_iterations=ITERATIONS)
     steps = solve(zoned, None, words, checkpoint=Checkpoint(tmp_path / "c.npz", every_s=1e9))
     while (news := next(steps)).stage != "fields" or news.iteration < stop:
         pass
     steps.close()
     news, resumed = drive(solve(zoned, None, words, checkpoint=Checkpoint(tmp_path / "c.npz", resume=True)))
-    assert [n.iteration for n in news if n.stage == "fields"] == list(range(stop + 1, 10))
+    assert [n.iteration for n in news if n.stage == "fields"] == list(range(stop + 1, ITERATIONS))
     for name in ("young", "poisson", "force", "trajectory"):
         np.testing.assert_array_equal(getattr(resumed, name), getattr(answer[1], name))
     assert resumed.metrics["fields"]["loss_history"] == answer[1].metrics["fields"]["loss_history"]

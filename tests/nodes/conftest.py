@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,14 @@ from .domains import claimed
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+# A few iterations on a coarse grid; a count that is given makes the fit forget the clock.
+FEW = """
+fit: {iterations: 3}
+particles: {cells: 2}
+splats: {max_count: 300, refine_frames: 2}
+experiment: {per_cell: 2.0, splat_iterations: 3}
+"""
 
 try:
     import rclpy
@@ -38,9 +48,9 @@ def domain() -> Iterator[int]:
         yield number
 
 
-@pytest.fixture
-def make_node(domain: int) -> Iterator[Callable[..., Any]]:
-    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot)."""
+@contextmanager
+def making(domain: int) -> Iterator[Callable[..., Any]]:
+    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot); they end with the context."""
     made: list[Any] = []
 
     def make(cls: Callable[[], Any], **parameters: object) -> Any:
@@ -49,8 +59,50 @@ def make_node(domain: int) -> Iterator[Callable[..., Any]]:
         made.append(cls())
         return made[-1]
 
-    yield make
-    for node in made:
-        node.close()
-        node.destroy_node()
-    rclpy.try_shutdown()
+    try:
+        yield make
+    finally:
+        for node in made:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def make_node(domain: int) -> Iterator[Callable[..., Any]]:
+    with making(domain) as make:
+        yield make
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """A fit of one fit_node with a bag that was cancelled after an iteration and called again."""
+
+    out: Path
+    config: str  # files of settings, as a parameter of any node
+    left: list[str]  # names of files in `out` between the two
+    iterations: list[str]  # that the second told of
+
+
+@pytest.fixture(scope="session")
+def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFactory) -> Resumed:
+    from diffphys_ros.nodes.fit_node import FitNode
+
+    from .robot import Robot
+
+    folder = tmp_path_factory.mktemp("resumed")
+    few, out = folder / "few.yaml", folder / "out"
+    few.write_text(FEW)
+    files = f"[{half_sample / 'given.yaml'}, {few}]"
+    with making(domain) as make:
+        robot = Robot(make(FitNode, bag=half_sample / "clip.mcap", config=files, out=out, resume=True))
+        robot.listen("~/progress")
+        robot.until(lambda: robot.fits(1))
+        assert robot.call("cancel").success
+        robot.until(lambda: robot.node.state == "cancelled")
+        left = sorted(path.name for path in out.iterdir())
+        robot.heard["~/progress"].clear()
+        assert robot.call("fit").success
+        robot.until(lambda: robot.node.state == "done")
+        robot.close()
+    return Resumed(out, files, left, robot.iterations())

@@ -6,55 +6,13 @@ import json
 import time
 
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.sample import sample_folder
-from diffphys_ros.msg_schemas import TOPICS, clouds, fields, messages
-from diffphys_ros.nodes.convert import message_class
+from diffphys_ros.msg_schemas import clouds, fields, messages
 from diffphys_ros.nodes.fit_node import FitNode, Published
-from diffphys_ros.nodes.qos import profile
 
-from .processes import PATIENCE_S
-
-
-class Robot:
-    """A node that subscribes to fit_node and calls its services, spun together with it."""
-
-    def __init__(self, node: FitNode) -> None:
-        self.node, self.me, self.heard = node, rclpy.create_node("robot"), {}
-        self.executor = SingleThreadedExecutor()
-        for each in (node, self.me):
-            self.executor.add_node(each)
-
-    def listen(self, name: str) -> None:
-        topic, self.heard[name] = TOPICS[name], []
-        self.me.create_subscription(message_class(topic.type_name), name.replace("~", "/fit_node"), self.heard[name].append, profile(topic))
-
-    def until(self, condition, timeout_s: float = PATIENCE_S) -> None:
-        end = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end, f"state {self.node.state}"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def call(self, service: str):
-        client = self.me.create_client(Trigger, f"/fit_node/{service}")
-        self.until(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done)
-        return future.result()
-
-    def progress(self) -> list[dict[str, str]]:
-        return [messages.values_of(m.status[0]) for m in self.heard["~/progress"]]
-
-    def stages(self) -> list[str]:
-        return [values["stage"] for values in self.progress()]
-
-    def fits(self, iteration: int) -> bool:
-        """Whether the fit has told of this iteration."""
-        return any(values["stage"] == "fit" and values["iteration"] == str(iteration) for values in self.progress())
+from .robot import Robot
 
 
 @pytest.fixture
@@ -67,8 +25,7 @@ def robot(make_node):
 
     yield make
     for each in made:
-        each.executor.shutdown()
-        each.me.destroy_node()
+        each.close()
 
 
 def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
@@ -86,28 +43,14 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
     r.until(lambda: not r.node.worker.busy)
 
 
-FEW = {"fit__iterations": 3, "particles__cells": 2, "splats__max_count": 300, "splats__refine_frames": 2}
-
-
-def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robot, half_sample, tmp_path):
-    coarse = tmp_path / "coarse.yaml"
-    coarse.write_text("experiment: {per_cell: 2.0, splat_iterations: 3}")
-    files = f"[{half_sample / 'given.yaml'}, {coarse}]"
-    bag = {"bag": half_sample / "clip.mcap", "config": files, "out": tmp_path / "out", "resume": True}
-    r = robot(**bag, **FEW)
-    r.listen("~/progress")
-    r.until(lambda: r.fits(1))
-    assert r.call("cancel").success
-    r.until(lambda: r.node.state == "cancelled")
-    assert (tmp_path / "out" / "checkpoint.npz").exists()
-    r.heard["~/progress"].clear()
-    assert r.call("fit").success
-    r.until(lambda: r.node.state == "done")
-    assert not r.fits(0)  # the start was not evaluated again
-    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(resumed):
+    assert "checkpoint.npz" in resumed.left
+    assert "recovery.npz" not in resumed.left
+    assert "0" not in resumed.iterations  # the start was not evaluated again
+    metrics = json.loads((resumed.out / "metrics.json").read_text())
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
-    assert not (tmp_path / "out" / "checkpoint.npz").exists()
+    assert not (resumed.out / "checkpoint.npz").exists()
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
