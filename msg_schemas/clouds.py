@@ -15,14 +15,16 @@ _KIND = {code: kind for kind, code in _DATATYPE.items()}
 _BYTES = 4  # of either
 MAX_FIELDS = 256  # of a cloud that is read; 3DGS with all harmonics has 62
 
-# Field -> unit, in the order of the bytes; uint32 where the unit is "#".
+# Field -> unit, in the order of the bytes; uint32 where the unit is "#". Subscribers rely on names, types and places: a later version
+# only adds fields, at the end.
 MATERIAL = {
-    "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "poisson_ratio": "", "density": "kg/m^3", "volume": "m^3",
-    "log10_young_sd": "", "intensity": "log10 Pa", "id": "#", "part": "#",
+    "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "log10_young_sd": "", "young_lower": "Pa", "poisson_ratio": "", "density": "kg/m^3",
+    "volume": "m^3", "part": "#", "identified": "#", "absolute": "#", "intensity": "log10 Pa", "id": "#",
 }  # fmt: skip
-FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "id": "#"}
+FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "intensity": "N/m^3", "id": "#"}
+STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"}
+LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FORCE, "~/state": STATE}
 FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
-STATE = {"x": "m", "y": "m", "z": "m", "id": "#", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "log10 Pa"}
 
 
 def dtype(layout: Mapping[str, str]) -> np.dtype:

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
-from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
+from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 
 from .clip_buffer import ClipBuffer
 from .clip_stage import ClipStage
@@ -40,7 +40,7 @@ class Published:
 
     def __init__(self, answer: fields.Answer) -> None:
         self.answer = answer
-        self.messages = [(relative(m.topic), to_ros(m.type_name, m.fields)) for m in results(answer)]
+        self.messages = [(m.topic, to_ros(m.type_name, m.fields)) for m in results(answer)]
 
 
 class FitNode(ClipStage):
@@ -77,9 +77,10 @@ class FitNode(ClipStage):
 
     def job(self) -> Job:
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
+        node = self.get_fully_qualified_name()
         if self.bag:
-            return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
-        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume)
+            return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume, node)
+        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume, node)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -98,12 +99,12 @@ class FitNode(ClipStage):
         failed = self.state == FAILED
         self._say(stage=self.state, text=reason, level=messages.ERROR if failed else messages.WARN)
         if failed and self.playback is None:
-            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason))
+            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, node=self.get_name()))
 
     def _say(self, *, text: str = "", **news: Any) -> None:
         if text:
             self.get_logger().info(f"{news['stage']}: {text}")
-        self.send(PROGRESS, fields.progress(self.now_ns(), text=text, **news))
+        self.send(PROGRESS, fields.progress(self.now_ns(), text=text, node=self.get_name(), **news))
 
     def _publish(self, published: Published) -> None:
         for name, message in published.messages:
@@ -171,13 +172,13 @@ def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, che
     return (yield from run(buffer.clip(), settings, splats=splats, checkpoint=checkpoint))
 
 
-def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:
+def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool, node: str) -> Generator[Any, None, list[str]]:
     """News, then what is to be published, then the files; returns what was left out, one sentence each. Owns `out` as long as it runs."""
     from diffphys_ros.inverse import Checkpoint
 
     if not out:
         prepared, _, recovery = yield from job(Checkpoint(None))
-        yield Published(fields.answer(recovery, prepared.clip, settings))
+        yield Published(fields.answer(recovery, prepared.clip, settings, node=node))
         return []
     from diffphys_ros import result
 
@@ -185,7 +186,7 @@ def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out:
         path = folder / result.CHECKPOINT
         checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path.exists())
         prepared, splats, recovery = yield from job(checkpoint)
-        yield Published(fields.answer(recovery, prepared.clip, settings))
-        left_out = result.write_all(recovery, prepared.clip, settings, folder, splats=splats)
+        yield Published(fields.answer(recovery, prepared.clip, settings, node=node))
+        left_out = result.write_all(recovery, prepared.clip, settings, folder, splats=splats, node=node)
         checkpoint.remove()
         return left_out

@@ -102,7 +102,7 @@ class InspectNode(StageNode):
         self.images += 1
 
     def _show_material(self, message: Any) -> None:
-        from diffphys_ros.report.colours import stiffness_colours
+        from diffphys_ros.colours import stiffness_colours
         from diffphys_ros.report.rerun_log import point_radius
 
         points = clouds.particles(message, clouds.MATERIAL).ravel()

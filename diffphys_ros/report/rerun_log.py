@@ -11,8 +11,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..colours import COMPONENTS, stiffness_colours
 from ..types import Camera, Clip, Recovery, Splats
-from .colours import COMPONENTS, stiffness_colours
 
 APPLICATION = "diffphys_ros"
 TIME = "time"  # the timeline
