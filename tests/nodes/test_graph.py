@@ -93,7 +93,7 @@ def five(tmp_path_factory, half_sample, given):
     """The five nodes as five processes, fed by a sixth; started in an order in which everyone is late for someone."""
     folder = tmp_path_factory.mktemp("five")
     with Domain(folder) as domain:
-        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"))
+        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"), "--inputs")
         domain.node("ingest_node", reliability="reliable", silence_s=6.0, **given)
         domain.node("fit_node", out=folder / "out", **given)
         domain.node("splat_node", **given)
