@@ -6,24 +6,19 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
-import common
+import diffphys_launch as shared
+from diffphys_arguments import said
 
 from launch import LaunchDescription
-
-OWN = {
-    "rerun": common.Argument("true", "start inspect_node, which writes a rerun recording or feeds a viewer", bool),
-    "fit_node": common.Argument("fit_node", "name of the fit node to look at"),
-}
-ARGUMENTS = {**common.INSPECT, **OWN, **common.VIEWERS, **common.NODE}
 
 
 def actions(given: dict[str, str]) -> Iterator[Any]:
     """The viewers that are wanted."""
-    if common.said(given, "rerun"):
-        yield common.node("inspect_node", given, common.inspect_node(given) | common.parameters(given, ARGUMENTS, {"fit_node": "fit_node"}))
-    yield from common.viewers(given)
+    if said(given, "rerun"):
+        yield shared.node("inspect", "inspect_node", given)
+    yield from shared.viewers(given)
 
 
 def generate_launch_description() -> LaunchDescription:
     """For `ros2 launch`."""
-    return common.description(ARGUMENTS, actions)
+    return shared.description("inspect", actions)
