@@ -18,8 +18,7 @@ from mcap.writer import Writer as McapWriter
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.storage import typestore
@@ -27,7 +26,7 @@ from diffphys_ros.bags.write import to_message
 from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
-from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE, TREE
+from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE
 from diffphys_ros.nodes.clip_buffer import ClipBuffer
 from diffphys_ros.nodes.clip_stage import CLIP
 from diffphys_ros.nodes.convert import message_class, stamp_ns
@@ -36,50 +35,10 @@ from diffphys_ros.nodes.player import Part, Player
 from diffphys_ros.nodes.qos import profile
 
 from .processes import PATIENCE_S, ROOT
+from .recordings import COLOUR, INFO, NOTE, STRING, WAYS, recorded
 
-COLOUR, INFO, NOTE, STRANGE = "/camera/color/image_rect", "/camera/color/camera_info", "/notes", "/velodyne_packets"
-STRING = "std_msgs/msg/String"
-NEVER = QosTime(9223372036, 854775807)
+STRANGE = "/velodyne_packets"
 LZ4 = "mcap, lz4 chunks"
-WAYS = {
-    "mcap": (StoragePlugin.MCAP, CompressionMode.NONE),
-    "mcap, zstd chunks": (StoragePlugin.MCAP, CompressionMode.STORAGE),
-    "sqlite3": (StoragePlugin.SQLITE3, CompressionMode.NONE),
-    "sqlite3, zstd messages": (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-    "sqlite3, zstd file": (StoragePlugin.SQLITE3, CompressionMode.FILE),
-}
-
-
-def offered(reliable: bool, latched: bool, depth: int) -> list[Qos]:
-    reliability = QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT
-    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
-    return [Qos(QosHistory.KEEP_LAST, depth, reliability, durability, NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False)]
-
-
-OFFERED = {COLOUR: offered(False, False, 5), INFO: offered(True, False, 5), NOTE: offered(True, True, 1), "/tf_static": offered(True, True, 1)}
-
-
-def recorded(path: Path, clip: Any, way: str = "mcap") -> Path:
-    """A rosbag2 folder of a clip's images as a camera driver gives them: best effort, with a latched note and a static tree first."""
-    plugin, mode = WAYS[way]
-    writer, store = Writer(path, version=9, storage_plugin=plugin), typestore()
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        lines: dict[str, Any] = {}
-
-        def write(topic: str, kind: str, ns: int, fields: dict[str, Any]) -> None:
-            if topic not in lines:
-                lines[topic] = writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=OFFERED.get(topic, ()))
-            writer.write(lines[topic], ns, store.serialize_cdr(to_message(kind, fields), kind))
-
-        write("/tf_static", TREE, clip.start_ns, messages.static_tree(clip.start_ns, clip.camera))
-        write(NOTE, STRING, clip.start_ns, {"data": "latched"})
-        for k, seconds in enumerate(clip.times):
-            ns = clip.start_ns + round(seconds * 1e9)
-            head = messages.header(ns, clip.camera.frame_id)
-            write(INFO, CAMERA_INFO, ns, messages.camera_info(head, clip.camera))
-            write(COLOUR, IMAGE, ns, messages.image(head, clip.frames[k], "rgb8"))
-    return path
 
 
 def in_lz4(path: Path) -> Path:
