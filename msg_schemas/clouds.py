@@ -23,7 +23,21 @@ MATERIAL = {
 }  # fmt: skip
 FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "intensity": "N/m^3", "id": "#"}
 STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"}
-LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FORCE, "~/state": STATE}
+LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FORCE, "~/force_so_far": FORCE, "~/state": STATE}
+MEANING = {
+    "x": "place: at rest, in ~/force_field and ~/state in that frame",
+    "young_modulus": "NaN where the part is not identified",
+    "log10_young_sd": "one standard deviation of log10 of the modulus",
+    "young_lower": "the least modulus, where that is all that is known; NaN elsewhere, which is everywhere as yet",
+    "volume": "of the particle, or of the cluster that it stands for",
+    "part": "1 at the clamp",
+    "identified": "1 where the stiffness of the part is identified, else 0",
+    "absolute": "1 where the scale is told or measured; 0 where a density or a size is assumed, and E and force are relative",
+    "intensity": "for viewers: log10 of the modulus that was used; in the others the size of the force density",
+    "id": "index into the arrays of recovery.npz",
+    "t": "after the header's stamp",
+    "fx": "force density, per rest volume",
+}
 FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
 
 

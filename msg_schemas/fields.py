@@ -10,6 +10,7 @@ import numpy as np
 
 from ..colours import stiffness_colours
 from ..config import Settings
+from ..progress import ForceSoFar
 from ..types import Camera, Clip, Recovery
 from . import clouds, markers
 from .markers import vector
@@ -220,6 +221,20 @@ def progress(
     """DiagnosticArray with the news of a fit; `text` is one line for people."""
     values = {"stage": stage, "iteration": iteration, "iterations": iterations, "loss": loss, "seconds_left": seconds_left}
     return diagnostics(now_ns, [status(f"{own_name(node)}: progress", values, level=level, message=text)])
+
+
+def force_so_far(force: ForceSoFar) -> dict[str, Any]:
+    """PointCloud2 of layout clouds.FORCE with one point a frame: the object's centre, its volume and, times that, its net force."""
+    density = np.array(force.net)[:, None] / force.volume_m3
+    columns = {
+        **_xyz(np.array(force.centre)),
+        "t": (np.arange(len(density)) * force.period_s)[:, None],
+        **_xyz(density, "f"),
+        "volume": force.volume_m3,
+        "intensity": np.linalg.norm(density, axis=-1),
+        "id": 0,
+    }
+    return clouds.pack(header(force.start_ns, force.frame_id), clouds.FORCE, columns, density.shape[:2])
 
 
 def failed_quality(now_ns: int, reason: str, *, node: str = FIT_NODE) -> dict[str, Any]:

@@ -60,6 +60,7 @@ TOPICS = _table(
     Topic("~/stiffness_markers", MARKERS, "world", "m", "cubes at rest, coloured by log10 of the stiffness, grey where it is not identified"),
     Topic("~/quality", DIAGNOSTICS, "", "", "per part: whether it is identified, why, and what fixed the scale"),
     Topic("~/progress", DIAGNOSTICS, "", "", "stage, iteration, loss, seconds left"),
+    Topic("~/force_so_far", CLOUD, "world", "m, s, N/m^3", "while a fit runs: laid out as ~/force_field, one point that stands for the whole object"),
     Topic("~/state", CLOUD, "world", "m, N/m^3 of rest volume", "particles and the force on them in one frame, played at the recorded rate"),
     Topic("~/force_markers", MARKERS, "world", "m", "arrows of the force, scaled to the object, played"),
     Topic("~/net_force", WRENCH, "world", "N, N m", "resultant on the free particles about the centre of the clamp plane, else the origin; played"),

@@ -21,6 +21,7 @@ from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
 from .splat_topic import splats_of
+from .tree import Tree
 from .worker import FAILED, Job
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ OWN = (
     Own("out", "", "folder for recovery.npz, recovery.mcap, recovery.rrd and figures; empty: none are written"),
     Own("resume", False, "go on from the checkpoint of an interrupted fit in `out`, where there is one"),
 )
-SPLATS, PROGRESS, QUALITY = "splats", "~/progress", "~/quality"
+SPLATS, PROGRESS, QUALITY, SO_FAR = "splats", "~/progress", "~/quality", "~/force_so_far"
 Steps = Generator[Any, None, Any]
 
 
@@ -51,7 +52,8 @@ class FitNode(ClipStage):
         self.splats_ns = 0  # stamp of the clip that they belong to; 0: of any
         self.playback: Playback | None = None
         self.loss: float | None = None
-        super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
+        super().__init__("fit_node", OWN, (PROGRESS, SO_FAR, *RESULTS, *PLAYED), masks=True, listens=False)
+        self.tree = Tree(self)
         self.bag = existing(self.parameters["bag"])
         for name, answer in (("fit", self._on_fit), ("cancel", self._on_cancel)):
             self.create_service(Trigger, f"~/{name}", answer)
@@ -87,6 +89,8 @@ class FitNode(ClipStage):
             self._publish(news)
             return
         self.loss = news.loss if news.loss is not None else self.loss
+        if news.force is not None:
+            self.send(SO_FAR, fields.force_so_far(news.force))
         self._say(stage=news.stage, iteration=news.iteration, iterations=news.iterations, loss=news.loss, seconds_left=news.seconds_left, text=news.text)
 
     def on_done(self, left_out: list[str]) -> None:
@@ -109,6 +113,7 @@ class FitNode(ClipStage):
     def _publish(self, published: Published) -> None:
         for name, message in published.messages:
             self.send(name, message)
+        self.tree.announce(published.answer)
         self._stop_playback()
         settings = self.parameters.settings()
         self.playback = Playback(self, published.answer, settings.playback)
@@ -152,7 +157,7 @@ class FitNode(ClipStage):
 
     def _reset(self, request: Any, response: Any) -> Any:
         self._stop_playback()
-        self.advertise(*RESULTS, *PLAYED)
+        self.advertise(SO_FAR, *RESULTS, *PLAYED)
         response = super()._reset(request, response)
         if self.bag:
             response.message = "forgotten; ~/fit reads the bag again"

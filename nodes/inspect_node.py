@@ -87,6 +87,7 @@ class InspectNode(StageNode):
             "splats": lambda m: self.stream.log_splats(splats_of(m)),
             "~/material_field": self._show_material,
             "~/force_field": self._show_force_field,
+            "~/force_so_far": self._show_force_so_far,
             "~/quality": self._show_text,
             "~/progress": self._show_progress,
             "~/rendered": lambda m: self.stream.log_rendered(colour_of(m, "~/rendered")),
@@ -139,6 +140,10 @@ class InspectNode(StageNode):
                 self.stream.log_cloud(where[k], self.colours, radius_m=self.radius_m)
             self.stream.log_arrows(where[k][index], arrows[k])
             self.stream.log_net_force((force[k] * row["volume"][:, None]).sum(0))
+
+    def _show_force_so_far(self, message: Any) -> None:
+        rows = clouds.particles(message, clouds.FORCE)
+        self.stream.log_force_so_far(np.linalg.norm((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), axis=1))
 
     def _show_progress(self, message: Any) -> None:
         for status in message.status:

@@ -119,6 +119,10 @@ class Stream:
             self._rec.log("loss", rr.BarChart(np.array(self._losses)), static=True)
             self._shown = len(self._losses)
 
+    def log_force_so_far(self, size: np.ndarray) -> None:
+        """Size of the net force by frame (T,) [N] while a fit runs, in the place of the one before."""
+        self._rec.log("force_so_far", rr.BarChart(size), static=True)
+
     def log_text(self, text: str) -> None:
         """One line of news."""
         self._rec.log("log", rr.TextLog(text))
@@ -158,6 +162,7 @@ def blueprint() -> rrb.Blueprint:
         rrb.Tabs(
             rrb.TextDocumentView(origin="summary", name="summary"),
             rrb.BarChartView(origin="loss", name="loss by iteration"),
+            rrb.BarChartView(origin="force_so_far", name="net force by frame [N], while fitting"),
             rrb.TextLogView(origin="log", name="log"),
         ),
     )

@@ -12,6 +12,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import clouds, fields, messages
 from diffphys_ros.msg_schemas.markers import DELETE_ALL
 from diffphys_ros.msg_schemas.thinning import thin
+from diffphys_ros.progress import ForceSoFar
 from diffphys_ros.types import Recovery
 
 BOX = [-0.005, -0.02, -0.02, 0.005, 0.03, 0.04]
@@ -230,6 +231,16 @@ def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_cli
     values = messages.values_of(force)
     assert (values["identified"], values["reason"]) == (str(known).lower(), "the camera moves.")
     assert float(values["peak_net_force"]) == pytest.approx(np.linalg.norm(made_recovery.net_force(), axis=1).max(), rel=1e-5)
+
+
+def test_the_force_so_far_times_its_volume_is_the_net_force():
+    net = np.random.default_rng(0).normal(size=(5, 3))
+    message = fields.force_so_far(ForceSoFar(10**9, 0.1, "world", (1.0, 2.0, 3.0), 4e-4, tuple(map(tuple, net.tolist()))))
+    rows = clouds.particles(message, clouds.FORCE)
+    assert rows.shape == (5, 1)
+    np.testing.assert_allclose((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), net, rtol=1e-6)
+    np.testing.assert_allclose(rows["t"][:, 0], np.arange(5) * 0.1, rtol=1e-6)
+    assert [rows[axis][0, 0] for axis in "xyz"] == [1, 2, 3]
 
 
 def test_progress_has_the_documented_keys():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import time
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from diffphys_ros import config
+from diffphys_ros import config, result
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.msg_schemas import TOPICS, clouds, fields, messages
 from diffphys_ros.nodes.convert import message_class
@@ -96,6 +97,7 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robo
     bag = {"bag": half_sample / "clip.mcap", "config": files, "out": tmp_path / "out", "resume": True}
     r = robot(**bag, **FEW)
     r.listen("~/progress")
+    r.listen("~/force_so_far")
     r.until(lambda: r.fits(1))
     assert r.call("cancel").success
     r.until(lambda: r.node.state == "cancelled")
@@ -108,6 +110,9 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robo
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
     assert not (tmp_path / "out" / "checkpoint.npz").exists()
+    rows = clouds.particles(r.heard["~/force_so_far"][-1 if metrics["refined"] else 0], clouds.FORCE)  # the start is the answer where none is nearer
+    so_far, answer = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), result.load(tmp_path / "out")
+    np.testing.assert_allclose(so_far, answer.net_force(), atol=0.02 * np.abs(so_far).max())
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):

@@ -16,6 +16,7 @@ from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import message_class, to_ros
 from diffphys_ros.nodes.inspect_node import InspectNode
 from diffphys_ros.nodes.qos import profile
+from diffphys_ros.progress import ForceSoFar
 
 from .processes import PATIENCE_S
 
@@ -83,10 +84,11 @@ def test_loss_and_fields_are_shown_while_they_come(teller, made_recovery, made_c
     t = teller(file=tmp_path / "all.rrd")
     t.tell_clip(made_clip)
     t.tell("~/progress", fields.progress(1, stage="fit", iteration=0, iterations=3, loss=0.5))
+    t.tell("~/force_so_far", fields.force_so_far(ForceSoFar(made_clip.start_ns, made_clip.period_s, "world", (0.0, 0.0, 0.0), 4e-5, ((0.0, 0.0, 1.5),) * 12)))
     answer = fields.answer(made_recovery, made_clip, config.build({}))
     for name in ("~/material_field", "~/force_field"):
         t.tell(name, getattr(answer, name[2:])())
-    assert t.node.shown >= {"clip/image", "~/progress", "~/material_field", "~/force_field"}
+    assert t.node.shown >= {"clip/image", "~/progress", "~/force_so_far", "~/material_field", "~/force_field"}
     assert not t.node.net.refused
 
 
