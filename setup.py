@@ -7,7 +7,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "diffphys_ros"
-NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node")
+NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node", "graph")
 VERSION = re.search(r'__version__ = "(.+)"', Path(NAME, "__init__.py").read_text(encoding="utf-8")).group(1)
 
 setup(

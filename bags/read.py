@@ -24,10 +24,11 @@ MOST_REASON = 300  # characters: an image's own words stand in it
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
-def read_clip(path: str | Path, settings: Settings) -> Clip:
+def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None) -> Clip:
     """The clip in an .mcap or .db3 file, a rosbag2 folder, a video file or a folder of images.
 
     Settings used: topics.*, camera.fov_deg (where there is no camera_info), camera.fps (image folders; overrides a video's own).
+    Of a recording the first `start_s` can be left out and no more than `duration_s` taken [s].
     Raises InputError with one sentence for everything that cannot be read.
     """
     path = existing(path)
@@ -35,8 +36,19 @@ def read_clip(path: str | Path, settings: Settings) -> Clip:
         raise InputError(f"{shown(path)}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
     if is_bag(path):
         with open_bag(path) as bag:
-            return _read_bag(bag, settings, shown(path))
+            return _read_bag(bag, settings, shown(path), window(bag, start_s, duration_s, shown(path)))
+    if start_s or duration_s:
+        raise InputError(f"{shown(path)}: is no recording, of which alone a part can be read; leave start and duration out")
     return read_images(path, settings) if path.is_dir() else read_video(path, settings)
+
+
+def window(bag: Bag, start_s: float, duration_s: float | None, source: str) -> tuple[int, int]:
+    """Log times [ns] between which a recording is read. Raises InputError where it holds nothing there."""
+    begin, end = bag.span
+    first = begin + round(start_s * 1e9)
+    if first >= end:
+        raise InputError(f"{source}: start {start_s:g} s lies behind its end, it lasts {(end - begin) * 1e-9:.4g} s; choose an earlier start")
+    return first, min(end, first + round(duration_s * 1e9)) if duration_s else end
 
 
 def is_bag(path: Path) -> bool:
@@ -44,10 +56,12 @@ def is_bag(path: Path) -> bool:
     return path.suffix in BAG_SUFFIXES or (path / METADATA).exists()
 
 
-def _read_bag(bag: Bag, settings: Settings, source: str) -> Clip:
+def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int]) -> Clip:
     image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
-    images, frame_id, notes = _read_topic(bag, image_topic, source, "image")
-    depths, _, depth_notes = _read_topic(bag, depth_topic, source, "depth") if depth_topic else ([], "", [])
+    images, frame_id, notes = _read_topic(bag, image_topic, source, "image", span)
+    if not images:
+        raise InputError(f"{source}: topic {named(image_topic)} holds no image between start and the end of duration; choose another part")
+    depths, _, depth_notes = _read_topic(bag, depth_topic, source, "depth", span) if depth_topic else ([], "", [])
     info = bag.first(info_topic) if info_topic else None
     view = (images[0][1].shape[1], images[0][1].shape[0], frame_id)
     tree = _static_transforms(bag, source)
@@ -78,11 +92,11 @@ def nearest(images: Stamped, stamp: int) -> np.ndarray:
     return min(images, key=lambda item: abs(item[0] - stamp))[1]
 
 
-def _read_topic(bag: Bag, topic: str, source: str, setting: str) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
+def _read_topic(bag: Bag, topic: str, source: str, setting: str, span: tuple[int, int] | None = None) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
     """(stamp [ns], image) of a topic in the order of the recording, the images' frame, and notes."""
     images, unstamped, frame_id = Bounded(source), False, ""
     dimensions, what = (2, "depth (16UC1 in mm or 32FC1 in m)") if setting == "depth" else (3, "colour" if setting == "image" else "8-bit label")
-    for _, log_ns, message in bag.messages([topic]):
+    for _, log_ns, message in bag.messages([topic], *(span or ())):
         image = decoded(message, source, topic)
         if image.ndim != dimensions:
             raise InputError(f"{source}: topic {named(topic)} holds no {what} images; name another with topics.{setting}")

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from diffphys_ros.bags.offers import Offer, offer_of
 from diffphys_ros.bags.unpacked import begin_pass, bound_rosbags, bounded_databases, check_chunks, check_metadata
 from diffphys_ros.errors import InputError, listed, named, shown
 
@@ -24,6 +25,11 @@ def typestore() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+def read_message(kind: str, raw: bytes) -> Any:
+    """The message of a type in CDR."""
+    return typestore().deserialize_cdr(raw, kind)
+
+
 class Bag:
     """An open recording; `types` maps every topic that announces messages of one type to that type, `mixed` the others to theirs."""
 
@@ -36,9 +42,25 @@ class Bag:
         self.types = {topic: kinds.pop() for topic, kinds in found.items() if len(kinds) == 1}
         self.mixed = {topic: kinds for topic, kinds in found.items() if len(kinds) > 1}
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """(topic, log time [ns], message) of some topics in the order of the recording. Raises InputError where it is damaged, and for
-        a topic of two types."""
+    @property
+    def span(self) -> tuple[int, int]:
+        """Log times [ns] of the first message and after the last one; equal where there is none."""
+        return (self._reader.start_time, self._reader.end_time) if self._reader.message_count else (0, 0)
+
+    def offer(self, topic: str) -> Offer:
+        """The quality of service with which a topic was recorded."""
+        return offer_of(topic, [c.ext.offered_qos_profiles for c in self._reader.connections if c.topic == topic])
+
+    def messages(self, topics: Collection[str], begin_ns: int | None = None, end_ns: int | None = None) -> Iterator[tuple[str, int, Any]]:
+        """(topic, log time [ns], message) of some topics in the order of the recording; see `raw`."""
+        for topic, log_ns, raw in self.raw(topics, begin_ns, end_ns):
+            with _readable(self._path):
+                message = read_message(self.types[topic], raw)
+            yield topic, log_ns, message
+
+    def raw(self, topics: Collection[str], begin_ns: int | None = None, end_ns: int | None = None) -> Iterator[tuple[str, int, bytes]]:
+        """(topic, log time [ns], CDR) of some topics in the order of the recording, from one log time to before another. Holds what
+        lies in one chunk, however large the recording is. Raises InputError where it is damaged, and for a topic of two types."""
         for topic in self.mixed.keys() & set(topics):
             raise InputError(
                 f"{shown(self._path)}: topic {named(topic)} holds messages of {len(self.mixed[topic])} types ({listed(sorted(self.mixed[topic]), 3)}), "
@@ -48,8 +70,8 @@ class Bag:
         chosen = [c for c in self._reader.connections if c.topic in topics]
         if chosen:
             with _readable(self._path):
-                for connection, log_ns, raw in self._reader.messages(chosen):
-                    yield connection.topic, log_ns, typestore().deserialize_cdr(raw, connection.msgtype)
+                for connection, log_ns, raw in self._reader.messages(chosen, begin_ns, end_ns):
+                    yield connection.topic, log_ns, bytes(raw)
 
     def first(self, topic: str) -> Any | None:
         """First message of a topic; None where there is none, whatever the recording announces (it was filtered, or broke off)."""

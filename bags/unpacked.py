@@ -46,9 +46,17 @@ def _take(size: int) -> None:
         raise TooLargeError(f"{_pass.file_bytes} bytes unpack to more than {FREE_BYTES >> 30} GiB and {GROWTH} times that, no more are read")
 
 
+class Unread(list[Any]):
+    """Qualities of service as a recording tells them: no list yet, so that two of a topic are equal whoever wrote them."""
+
+    def __init__(self, told: Any) -> None:
+        super().__init__()
+        self.told = told
+
+
 @cache
 def bound_rosbags() -> None:
-    """Puts the bounds into rosbags, once. Qualities of service are not read: nothing here uses them, and they are YAML inside YAML."""
+    """Puts the bounds into rosbags, once. Qualities of service, YAML inside YAML, are kept as they are written (`Unread`)."""
     from rosbags.rosbag2 import reader, storage_mcap, storage_sqlite3
 
     def unzstd(data: bytes, size: int) -> bytes:
@@ -63,7 +71,7 @@ def bound_rosbags() -> None:
     message_wise = SimpleNamespace(open=_open_zstd, decompress=lambda data: _unpacked(data, MOST_OPEN_BYTES, storage_mcap.zstd.ZstdDecompressor))
     reader.zstd = message_wise  # type: ignore[attr-defined,assignment]
     for module in (reader, storage_mcap, storage_sqlite3):
-        module.parse_qos = lambda _: []  # type: ignore[attr-defined]
+        module.parse_qos = Unread  # type: ignore[attr-defined]
 
 
 def check_chunks(chunks: list[Any], file_bytes: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from diffphys_ros.bags.storage import typestore
+from diffphys_ros.bags.storage import METADATA, typestore
 from diffphys_ros.errors import InputError
 
 METADATA_VERSION: Literal[9] = 9  # of rosbag2 since Jazzy: quality of service by name
@@ -19,13 +19,14 @@ FOREVER = (9223372036, 854775807)  # s, ns: rosbag2's infinite duration
 Message = tuple[str, str, int, Mapping[str, Any], bool]  # topic, type, time of recording [ns], fields by name, latched
 
 
-def write_recording(path: str | Path, messages: Iterable[Message]) -> Path:
+def write_recording(path: str | Path, messages: Iterable[Message], *, outline: bool = False) -> Path:
     """Writes an MCAP file with profile ros2, zstd chunks, embedded message definitions and offered QoS; returns its path.
 
     Args:
         messages: (topic, type such as 'sensor_msgs/msg/PointCloud2', time of recording [ns], fields, latched). Fields are nested
             mappings by field name; arrays are numpy arrays, bytes or sequences; fields left out are zero or empty. A latched topic
             is offered reliable and transient local (a late subscriber gets its last message), another one reliable and volatile.
+        outline: also write rosbag2's metadata.yaml beside the file, which makes the folder a bag.
 
     The file appears whole or not at all. Raises InputError where the place cannot be written, ValueError for an unknown field.
     """
@@ -38,6 +39,8 @@ def write_recording(path: str | Path, messages: Iterable[Message]) -> Path:
         # the recording's own metadata names its file, so it has its final name from the start
         folder = scratch / path.stem
         _write_folder(folder, messages)
+        if outline:
+            os.replace(folder / METADATA, path.with_name(METADATA))
         os.replace(folder / f"{path.stem}.mcap", path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); free space or give a place in a writable folder") from error

@@ -11,6 +11,18 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
+class ForceSoFar:
+    """The net force that a fit has come to."""
+
+    start_ns: int  # stamp of frame 0 [ns]
+    period_s: float  # between frames [s]
+    frame_id: str  # of the world
+    centre: tuple[float, ...]  # of the object at rest [m], (3,)
+    volume_m3: float  # of the object
+    net: tuple[tuple[float, ...], ...]  # world frame [N], (T, 3)
+
+
+@dataclass(frozen=True)
 class Progress:
     """One line of news. The command line prints it, a node publishes it; to stop iterating is to cancel."""
 
@@ -20,6 +32,7 @@ class Progress:
     loss: float | None = None
     seconds_left: float | None = None
     text: str = ""  # one line for people
+    force: ForceSoFar | None = None
 
 
 def waiting(stage: str, steps: Generator[None, None, T]) -> Generator[Progress, None, T]:

@@ -39,7 +39,9 @@ from .types import (
 if TYPE_CHECKING:
     from .inverse.prepared import Prepared
 
-FILES = RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
+RECOVERY, METRICS, RECORDING, RERUN, FIGURE = "recovery.npz", "metrics.json", "recovery.mcap", "recovery.rrd", "summary.png"
+RECORDING_OUTLINE = "metadata.yaml"  # rosbag2's, beside the recording: with it the result folder is one for `ros2 bag`
+FILES = (RECOVERY, METRICS, RECORDING, RECORDING_OUTLINE, RERUN, FIGURE)
 CHECKPOINT = "checkpoint.npz"  # beside them while a fit runs, and after one that was interrupted
 MOST_METRICS_BYTES = 2**26  # of metrics.json
 
@@ -49,7 +51,11 @@ _SCALARS = ("apparent_stiffness", "period_s", "substeps", "mass_damping", "stiff
 
 
 def owned(folder: str | Path) -> AbstractContextManager[Path]:
-    """Own a result folder while a run works in it; see folder.owned. Raises InputError where another run does."""
+    """Own a result folder while a run works in it; see folder.owned. Raises InputError where another run does, and for the folder of
+    another recording, whose metadata.yaml would be lost."""
+    outline = Path(folder) / RECORDING_OUTLINE
+    if outline.exists() and RECORDING not in outline.read_text(encoding="utf-8", errors="replace"):
+        raise InputError(f"output folder {folder}: holds a rosbag2 recording, whose {RECORDING_OUTLINE} would be lost; choose another folder with --out")
     return folders.owned(folder, files=(*FILES, CHECKPOINT))
 
 
@@ -123,18 +129,19 @@ def write_all(
     folder: str | Path,
     *,
     splats: Any = None,
+    node: str = "fit_node",
     report: Callable[[str], None] = lambda text: None,
 ) -> list[str]:
     """Everything `save` writes, then recording, rerun file and figure: all of them take the place of a former run's together, or none.
 
-    Call it while the folder is `owned`. `report` is told each file as it is begun. Returns one sentence for each file that was left
+    Call it while the folder is `owned`. `node` is whose topics the recording holds, with its namespace. `report` is told each file as it is begun. Returns one sentence for each file that was left
     out because a package it needs is not installed. Raises InputError where the disc is full.
     """
     left_out = []
     resumable = "; the checkpoint stays: --resume (of fit_node: resume) goes on from it" if (Path(folder) / CHECKPOINT).exists() else ""
     with folders.replaced(folder, FILES, then=resumable) as staging:
         save(recovery, clip, settings, staging)
-        for name, write in _exports(recovery, clip, settings, splats):
+        for name, write in _exports(recovery, clip, settings, splats, node):
             report(name)
             try:
                 write(staging / name)
@@ -199,13 +206,13 @@ def read_metrics(folder: str | Path) -> dict[str, Any]:
         raise InputError(f"metrics {path}: {npz.in_words(error)}; recover the clip again") from error
 
 
-def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: Any) -> Iterator[tuple[str, Callable[[Path], object]]]:
+def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: Any, node: str) -> Iterator[tuple[str, Callable[[Path], object]]]:
     # Imported late: a machine that only solves has none of these packages.
     def recording(path: Path) -> object:
         from .bags.write import write_recording
         from .msg_schemas import recording as messages
 
-        return write_recording(path, messages(recovery, clip, settings))
+        return write_recording(path, messages(recovery, clip, settings, node=node), outline=True)
 
     def rerun_file(path: Path) -> object:
         from .report.rerun_log import write_rrd

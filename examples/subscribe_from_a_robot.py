@@ -25,10 +25,13 @@ class Robot(Node):
         self.create_subscription(PointCloud2, "fit_node/force_field", self.hear_force, LATCHED)
 
     def hear_stiffness(self, cloud: PointCloud2) -> None:
-        """Young's modulus of every particle at rest; NaN where its part is not identified."""
+        """Young's modulus of every particle at rest; NaN where its part is not identified, relative where the scale is not absolute."""
         points = clouds.particles(cloud, clouds.MATERIAL).ravel()
+        unit = "Pa" if points["absolute"].all() else "Pa if density and size are as assumed"
         for part in np.unique(points["part"]):
-            print(f"part {part}: E = {np.median(points['young_modulus'][points['part'] == part]):.4g} Pa", flush=True)
+            own = points[points["part"] == part]
+            said = f"E = {np.median(own['young_modulus']):.4g} {unit}" if own["identified"].all() else "not identified"
+            print(f"part {part}: {said}", flush=True)
         self.wanted.discard("stiffness")
 
     def hear_force(self, cloud: PointCloud2) -> None:

@@ -1,29 +1,28 @@
-"""One process from a bag to fields: ros2 launch diffphys_ros fit.launch.py bag:=clip.mcap config:=given.yaml out:=results."""
+"""One process from a recording to fields: ros2 launch diffphys_ros fit.launch.py bag:=clip.mcap config:=given.yaml out:=results."""
 
-from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+import diffphys_launch as shared
+from diffphys_arguments import said
+from launch.actions import LogInfo
 
 from launch import LaunchDescription
 
-ARGUMENTS = {
-    "bag": ("", "recording: MCAP file, rosbag2 folder, video or image folder"),
-    "config": ("", "YAML file of settings"),
-    "out": ("", "folder for the results; empty: none are written"),
-    "namespace": ("", "namespace of the node"),
-}
+
+def actions(given: dict[str, str]) -> Iterator[Any]:
+    """fit_node, and what shows its results."""
+    if not given["bag"]:
+        yield LogInfo(msg="no bag:= was given: fit_node waits for a clip from ingest_node, segment_node and splat_node (graph.launch.py starts all)")
+    yield shared.node("fit", "fit_node", given)
+    if said(given, "inspect"):
+        yield shared.node("fit", "inspect_node", given)
+    yield from shared.viewers(given)
 
 
 def generate_launch_description() -> LaunchDescription:
-    profile = PathJoinSubstitution([FindPackageShare("diffphys_ros"), "config", "fastdds.xml"])
-    node = Node(
-        package="diffphys_ros",
-        executable="fit_node",
-        name="fit_node",
-        namespace=LaunchConfiguration("namespace"),
-        parameters=[{name: LaunchConfiguration(name) for name in ("bag", "config", "out")}],
-        output="screen",
-    )
-    declared = [DeclareLaunchArgument(name, default_value=default, description=doc) for name, (default, doc) in ARGUMENTS.items()]
-    return LaunchDescription([*declared, SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", profile), node])
+    """For `ros2 launch`."""
+    return shared.description("fit", actions)

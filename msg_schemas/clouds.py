@@ -15,14 +15,30 @@ _KIND = {code: kind for kind, code in _DATATYPE.items()}
 _BYTES = 4  # of either
 MAX_FIELDS = 256  # of a cloud that is read; 3DGS with all harmonics has 62
 
-# Field -> unit, in the order of the bytes; uint32 where the unit is "#".
+# Field -> unit, in the order of the bytes; uint32 where the unit is "#". Subscribers rely on names, types and places: a later version
+# only adds fields, at the end.
 MATERIAL = {
-    "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "poisson_ratio": "", "density": "kg/m^3", "volume": "m^3",
-    "log10_young_sd": "", "intensity": "log10 Pa", "id": "#", "part": "#",
+    "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "log10_young_sd": "", "young_lower": "Pa", "poisson_ratio": "", "density": "kg/m^3",
+    "volume": "m^3", "part": "#", "identified": "#", "absolute": "#", "intensity": "log10 Pa", "id": "#",
 }  # fmt: skip
-FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "id": "#"}
+FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "intensity": "N/m^3", "id": "#"}
+STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"}
+LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FORCE, "~/force_so_far": FORCE, "~/state": STATE}
+MEANING = {
+    "x": "place: at rest, in ~/force_field and ~/state in that frame",
+    "young_modulus": "NaN where the part is not identified",
+    "log10_young_sd": "one standard deviation of log10 of the modulus",
+    "young_lower": "the least modulus, where that is all that is known; NaN elsewhere, which is everywhere as yet",
+    "volume": "of the particle, or of the cluster that it stands for",
+    "part": "1 at the clamp",
+    "identified": "1 where the stiffness of the part is identified, else 0",
+    "absolute": "1 where the scale is told or measured; 0 where a density or a size is assumed, and E and force are relative",
+    "intensity": "for viewers: log10 of the modulus that was used; in the others the size of the force density",
+    "id": "index into the arrays of recovery.npz",
+    "t": "after the header's stamp",
+    "fx": "force density, per rest volume",
+}
 FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
-STATE = {"x": "m", "y": "m", "z": "m", "id": "#", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "log10 Pa"}
 
 
 def dtype(layout: Mapping[str, str]) -> np.dtype:

@@ -1,24 +1,25 @@
-"""A recovery as plain messages: the clouds, the arrows, the resultant, the quality and the news of a fit."""
+"""A recovery as plain messages: the clouds, the markers, the resultant, the camera, the quality and the news of a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..colours import stiffness_colours
 from ..config import Settings
-from ..types import Clip, Recovery
-from . import clouds
-from .messages import ERROR, OK, WARN, diagnostics, header, image, stamp, status, world_frame
+from ..progress import ForceSoFar
+from ..types import Camera, Clip, Recovery
+from . import clouds, markers
+from .markers import vector
+from .messages import ERROR, OK, WARN, camera_info, diagnostics, header, image, static_tree, status, world_frame
 from .thinning import Thinned, thin
-from .topics import FIT_NODE
+from .topics import FIT_NODE, own_name
 
 CLAMP_PLANE_INSIDE_M = 0.005  # distance of the clamped plane from the box face through which the body leaves
 ARROW_LENGTH = 0.25  # of the longest arrow, in extents of the object
-DELETE_ALL, ADD, LINE_LIST = 3, 0, 5  # visualization_msgs/msg/Marker
-ARROW_COLOR = {"r": 1.0, "g": 0.375, "b": 0.125, "a": 1.0}
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,22 @@ class Answer:
     thinned: Thinned
     start_ns: int
     period_s: float
-    world: str
-    camera: str
+    camera: Camera
     reference: np.ndarray  # about which moments are taken, world frame [m], shape (3,)
     reference_text: str
     max_markers: int
+    node: str = FIT_NODE  # name of the node whose answer it is, with its namespace
+
+    @property
+    def world(self) -> str:
+        """Name of the frame of everything but images."""
+        return world_frame(self.camera)
+
+    @property
+    def absolute(self) -> bool:
+        """Whether E and force have their true scale: false where density or metric scale are assumed, and with them ratios alone are known."""
+        sources = [str(self.recovery.metrics.get(name, "unknown")) for name in ("density_source", "metric_scale_source")]
+        return not any(source.startswith(("assumed", "unknown")) for source in sources)
 
     def __len__(self) -> int:
         return len(self.recovery.force)
@@ -43,19 +55,25 @@ class Answer:
         return self.start_ns + round(frame * self.period_s * 1e9)
 
     def material_field(self) -> dict[str, Any]:
-        """PointCloud2 at rest positions, layout clouds.MATERIAL; young_modulus is NaN where a part is not identified."""
+        """PointCloud2 at rest positions, layout clouds.MATERIAL.
+
+        young_modulus is NaN where a part is not identified, young_lower where no lower bound of it is known.
+        """
         r, ids = self.recovery, self.thinned.ids
         part = r.part[ids]
         columns = {
             **_xyz(r.points[ids]),
-            "young_modulus": np.where(r.identified[part - 1], r.young[ids], np.nan),
+            "young_modulus": self._young(ids),
+            "log10_young_sd": r.log10_young_sd[ids],
+            "young_lower": np.nan,
             "poisson_ratio": r.poisson[ids],
             "density": r.density[ids],
             "volume": self.thinned.volume,
-            "log10_young_sd": r.log10_young_sd[ids],
+            "part": part,
+            "identified": r.identified[part - 1],
+            "absolute": self.absolute,
             "intensity": np.log10(r.young[ids]),
             "id": ids,
-            "part": part,
         }
         return clouds.pack(header(self.start_ns, self.world), clouds.MATERIAL, columns, (1, len(ids)))
 
@@ -67,25 +85,36 @@ class Answer:
             "t": (np.arange(len(self)) * self.period_s)[:, None],
             **_xyz(force, "f"),
             "volume": self.thinned.volume,
+            "intensity": np.linalg.norm(force, axis=-1),
             "id": ids,
         }
         return clouds.pack(header(self.start_ns, self.world), clouds.FORCE, columns, force.shape[:2])
 
     def state(self, frame: int) -> dict[str, Any]:
         """PointCloud2 of one frame, layout clouds.STATE."""
-        r, ids = self.recovery, self.thinned.ids
+        ids, force = self.thinned.ids, self.thinned.force[frame]
         columns = {
-            **_xyz(r.trajectory[frame, ids]),
+            **_xyz(self.recovery.trajectory[frame, ids]),
+            **_xyz(force, "f"),
+            "intensity": np.linalg.norm(force, axis=-1),
             "id": ids,
-            **_xyz(self.thinned.force[frame], "f"),
-            "intensity": np.log10(r.young[ids]),
         }
         return clouds.pack(header(self.stamp_ns(frame), self.world), clouds.STATE, columns, (1, len(ids)))
+
+    def stiffness_markers(self) -> dict[str, Any]:
+        """MarkerArray at rest positions: at most `max_markers` cubes, coloured by log10 E, grey where not identified."""
+        shown = thin(self.recovery, self.max_markers) if self.max_markers else Thinned(np.zeros(0, int), np.zeros(0), np.zeros((len(self), 0, 3)))
+        edge = float(np.cbrt(np.median(shown.volume))) if len(shown.ids) else 0.0
+        return markers.cubes(header(self.start_ns, self.world), self.recovery.points[shown.ids], stiffness_colours(self._young(slice(None)))[shown.ids], edge_m=edge)
+
+    def _young(self, ids: Any) -> np.ndarray:
+        r = self.recovery
+        return np.where(r.identified[r.part[ids] - 1], r.young[ids], np.nan)
 
     def net_force(self, frame: int) -> dict[str, Any]:
         """WrenchStamped of the unclamped particles about `reference`: force [N], torque [N m]."""
         force, torque = self.wrench(frame)
-        return {"header": header(self.stamp_ns(frame), self.world), "wrench": {"force": _vector(force), "torque": _vector(torque)}}
+        return {"header": header(self.stamp_ns(frame), self.world), "wrench": {"force": vector(force), "torque": vector(torque)}}
 
     def wrench(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Force [N] and torque about `reference` [N m], shapes (3,)."""
@@ -94,23 +123,26 @@ class Answer:
         return loads.sum(0), np.cross(r.trajectory[frame].astype(float) - self.reference, loads).sum(0)
 
     def force_markers(self, frame: int) -> dict[str, Any]:
-        """MarkerArray: one LINE_LIST of at most `max_markers` arrows, after the deletion of what was shown before."""
+        """MarkerArray: one LINE_LIST of at most `max_markers` arrows."""
         r, thinned = self.recovery, self.thinned
         chosen = np.linspace(0, len(thinned.ids) - 1, min(self.max_markers, len(thinned.ids))).round().astype(int)
         tails, extent = r.trajectory[frame, thinned.ids[chosen]].astype(float), float(np.ptp(r.points, axis=0).max())
         peak = float(np.linalg.norm(thinned.force, axis=-1).max()) or 1.0
         tips = tails + thinned.force[frame, chosen] * (ARROW_LENGTH * extent / peak)
-        ends = np.stack([tails, tips], 1).reshape(-1, 3)
-        head = header(self.stamp_ns(frame), self.world)
-        markers = [_marker(head, action=DELETE_ALL)]
-        if len(ends):
-            markers.append(_marker(head, width=0.004 * extent, points=[_vector(p) for p in ends]))
-        return {"markers": markers}
+        return markers.lines(header(self.stamp_ns(frame), self.world), np.stack([tails, tips], 1), width_m=0.004 * extent)
 
     def rendered(self, frame: int) -> dict[str, Any] | None:
         """Image of one frame, rgb8; None where nothing was rendered."""
         frames = self.recovery.frames
-        return None if frames is None else image(header(self.stamp_ns(frame), self.camera), frames[frame], "rgb8")
+        return None if frames is None else image(header(self.stamp_ns(frame), self.camera.frame_id), frames[frame], "rgb8")
+
+    def camera_info(self, frame: int) -> dict[str, Any] | None:
+        """CameraInfo of the rendered image of one frame; None where nothing was rendered."""
+        return None if self.recovery.frames is None else camera_info(header(self.stamp_ns(frame), self.camera.frame_id), self.camera)
+
+    def tree(self) -> dict[str, Any]:
+        """TFMessage: the camera in the world."""
+        return static_tree(self.start_ns, self.camera)
 
     def quality(self) -> dict[str, Any]:
         """DiagnosticArray, one status per part and one of the force; the assumptions of the recovery are the message."""
@@ -126,7 +158,7 @@ class Answer:
             "peak_net_force": float(np.linalg.norm(r.net_force(), axis=1).max()),
             "density_source": r.metrics.get("density_source", "unknown"),
         }
-        return status(f"{FIT_NODE}: force", values, level=OK if r.force_identified else WARN, message=" ".join(r.notes))
+        return status(f"{own_name(self.node)}: force", values, level=OK if r.force_identified else WARN, message=" ".join(r.notes))
 
     def _part_quality(self, number: int) -> dict[str, Any]:
         r = self.recovery
@@ -139,22 +171,22 @@ class Answer:
             "density_source": r.metrics.get("density_source", "unknown"),
             "metric_scale_source": r.metrics.get("metric_scale_source", "unknown"),
         }
-        return status(f"{FIT_NODE}: part {number}", values, level=OK if known else WARN, message=" ".join(r.notes))
+        return status(f"{own_name(self.node)}: part {number}", values, level=OK if known else WARN, message=" ".join(r.notes))
 
 
-def answer(recovery: Recovery, clip: Clip, settings: Settings) -> Answer:
-    """The recovery of a clip, ready to be published within the limits of settings.publish."""
+def answer(recovery: Recovery, clip: Clip, settings: Settings, *, node: str = FIT_NODE) -> Answer:
+    """The recovery of a clip, ready to be published within the limits of settings.publish by a node of this name."""
     reference, text = moment_reference(recovery.points, settings.scene.clamp_box_m)
     return Answer(
         recovery,
         thin(recovery, settings.publish.max_points),
         clip.start_ns,
         clip.period_s,
-        world_frame(clip.camera),
-        clip.camera.frame_id,
+        clip.camera,
         reference,
         text,
         settings.publish.max_markers,
+        node,
     )
 
 
@@ -184,35 +216,31 @@ def progress(
     seconds_left: float | None = None,
     text: str = "",
     level: int = OK,
+    node: str = FIT_NODE,
 ) -> dict[str, Any]:
     """DiagnosticArray with the news of a fit; `text` is one line for people."""
     values = {"stage": stage, "iteration": iteration, "iterations": iterations, "loss": loss, "seconds_left": seconds_left}
-    return diagnostics(now_ns, [status(f"{FIT_NODE}: progress", values, level=level, message=text)])
+    return diagnostics(now_ns, [status(f"{own_name(node)}: progress", values, level=level, message=text)])
 
 
-def failed_quality(now_ns: int, reason: str) -> dict[str, Any]:
+def force_so_far(force: ForceSoFar) -> dict[str, Any]:
+    """PointCloud2 of layout clouds.FORCE with one point a frame: the object's centre, its volume and, times that, its net force."""
+    density = np.array(force.net)[:, None] / force.volume_m3
+    columns = {
+        **_xyz(np.array(force.centre)),
+        "t": (np.arange(len(density)) * force.period_s)[:, None],
+        **_xyz(density, "f"),
+        "volume": force.volume_m3,
+        "intensity": np.linalg.norm(density, axis=-1),
+        "id": 0,
+    }
+    return clouds.pack(header(force.start_ns, force.frame_id), clouds.FORCE, columns, density.shape[:2])
+
+
+def failed_quality(now_ns: int, reason: str, *, node: str = FIT_NODE) -> dict[str, Any]:
     """DiagnosticArray that says in one sentence why there is no recovery."""
-    return diagnostics(now_ns, [status(f"{FIT_NODE}: recovery", {"identified": False, "reason": reason}, level=ERROR, message=reason)])
+    return diagnostics(now_ns, [status(f"{own_name(node)}: recovery", {"identified": False, "reason": reason}, level=ERROR, message=reason)])
 
 
 def _xyz(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:
     return {prefix + axis: vectors[..., i] for i, axis in enumerate("xyz")}
-
-
-def _vector(values: np.ndarray) -> dict[str, float]:
-    return dict(zip("xyz", map(float, values), strict=True))
-
-
-def _marker(head: Mapping[str, Any], *, action: int = ADD, width: float = 0.0, points: Sequence[Mapping[str, float]] = ()) -> dict[str, Any]:
-    return {
-        "header": head,
-        "ns": "force",
-        "id": 0,
-        "type": LINE_LIST,
-        "action": action,
-        "pose": {"position": _vector(np.zeros(3)), "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
-        "scale": {"x": width, "y": 0.0, "z": 0.0},
-        "color": ARROW_COLOR,
-        "lifetime": stamp(0),
-        "points": list(points),
-    }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..types import Camera
 
+VIEWERS_WORLD = "world"  # the root of the tree where a clip has none
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/msg/DiagnosticStatus
 
 
@@ -76,6 +78,16 @@ def camera_pose(nanoseconds: int, camera: Camera) -> dict[str, Any]:
         "child_frame_id": camera.frame_id,
         "transform": {"translation": {"x": tx, "y": ty, "z": tz}, "rotation": {"x": x, "y": y, "z": z, "w": w}},
     }
+
+
+def static_tree(nanoseconds: int, camera: Camera) -> dict[str, Any]:
+    """tf2_msgs/TFMessage that puts the camera's optical frame into the world. A camera without a pose stands in a frame `world` of
+    viewers alone, which looks along its x with z up."""
+    if camera.pose_known:
+        return {"transforms": [camera_pose(nanoseconds, camera)]}
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    return {"transforms": [camera_pose(nanoseconds, replace(camera, world_from_camera=pose, world_frame_id=VIEWERS_WORLD))]}
 
 
 def world_frame(camera: Camera) -> str:

@@ -15,6 +15,8 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 COUNT = "std_msgs/msg/UInt32"
+TREE = "tf2_msgs/msg/TFMessage"
+STATIC_TREE = "/tf_static"
 
 
 @dataclass(frozen=True)
@@ -29,15 +31,15 @@ class Topic:
     latched: bool = True
     depth: int = 1  # history; KEEP_ALL where every message counts
 
-    @property
-    def absolute(self) -> str:
-        """The name with the node's spelt out, as a bag holds it."""
-        return self.name.replace("~", f"/{FIT_NODE}", 1) if self.name.startswith("~") else self.name
+
+def absolute(name: str, node: str = FIT_NODE) -> str:
+    """A name of the table with the node's spelt out, as a bag holds it. `node` has its namespace before it."""
+    return name.replace("~", "/" + node.strip("/"), 1) if name.startswith("~") else name
 
 
-def relative(absolute: str) -> str:
-    """The name in the table of a topic of a fit node's bag; undoes Topic.absolute."""
-    return "~" + absolute.removeprefix(f"/{FIT_NODE}")
+def own_name(node: str) -> str:
+    """A node's name without its namespace."""
+    return node.rsplit("/", 1)[-1]
 
 
 def _table(*topics: Topic) -> dict[str, Topic]:
@@ -55,14 +57,18 @@ TOPICS = _table(
     Topic("splats", CLOUD, "world", "m, logit, log m", "static 3D Gaussians of frame 0, fields named as in a 3DGS .ply"),
     Topic("~/material_field", CLOUD, "world", "m, Pa, kg/m^3, m^3", "stiffness on the particles at rest"),
     Topic("~/force_field", CLOUD, "world", "m, s, N/m^3 of rest volume", "force on the particles, one row per frame"),
+    Topic("~/stiffness_markers", MARKERS, "world", "m", "cubes at rest, coloured by log10 of the stiffness, grey where it is not identified"),
     Topic("~/quality", DIAGNOSTICS, "", "", "per part: whether it is identified, why, and what fixed the scale"),
     Topic("~/progress", DIAGNOSTICS, "", "", "stage, iteration, loss, seconds left"),
-    Topic("~/state", CLOUD, "world", "m, N/m^3", "particles in one frame, played at the recorded rate"),
+    Topic("~/force_so_far", CLOUD, "world", "m, s, N/m^3", "while a fit runs: laid out as ~/force_field, one point that stands for the whole object"),
+    Topic("~/state", CLOUD, "world", "m, N/m^3 of rest volume", "particles and the force on them in one frame, played at the recorded rate"),
     Topic("~/force_markers", MARKERS, "world", "m", "arrows of the force, scaled to the object, played"),
     Topic("~/net_force", WRENCH, "world", "N, N m", "resultant on the free particles about the centre of the clamp plane, else the origin; played"),
     Topic("~/rendered", IMAGE, "camera", "rgb8", "the recovered motion through the camera, played"),
+    Topic("~/camera_info", CAMERA_INFO, "camera", "px", "intrinsics and stamps of the rendered images, played"),
+    Topic(STATIC_TREE, TREE, "world", "m", "the camera in the world, where nobody else puts it there; always in recovery.mcap"),
     Topic("/diagnostics", DIAGNOSTICS, "", "", "health of the node, 1 Hz", latched=False, depth=10),
 )
 
-PLAYED = ("~/state", "~/force_markers", "~/net_force", "~/rendered")
-RESULTS = ("~/material_field", "~/force_field", "~/quality")
+PLAYED = ("~/state", "~/force_markers", "~/net_force", "~/camera_info", "~/rendered")
+RESULTS = ("~/material_field", "~/force_field", "~/stiffness_markers", "~/quality")

@@ -1,4 +1,4 @@
-"""The console scripts: one per node. They answer signals before anything heavy is imported."""
+"""The console scripts: one per node, and one of all. They answer signals before anything heavy is imported."""
 
 from __future__ import annotations
 
@@ -95,7 +95,8 @@ def _spin(node: Any, stop: Stop) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    for each in getattr(node, "nodes", (node,)):
+        executor.add_node(each)
     stop.spinning = True
     while not stop.wanted:
         executor.spin_once(timeout_sec=SPIN_S)
@@ -110,3 +111,4 @@ segment_node = _script("segment_node", "SegmentNode")
 splat_node = _script("splat_node", "SplatNode")
 fit_node = _script("fit_node", "FitNode")
 inspect_node = _script("inspect_node", "InspectNode")
+graph = _script("composed", "Graph")

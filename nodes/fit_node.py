@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
-from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
+from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 
 from .clip_buffer import ClipBuffer
 from .clip_stage import ClipStage
@@ -21,6 +21,7 @@ from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
 from .splat_topic import splats_of
+from .tree import Tree
 from .worker import FAILED, Job
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ OWN = (
     Own("out", "", "folder for recovery.npz, recovery.mcap, recovery.rrd and figures; empty: none are written"),
     Own("resume", False, "go on from the checkpoint of an interrupted fit in `out`, where there is one"),
 )
-SPLATS, PROGRESS, QUALITY = "splats", "~/progress", "~/quality"
+SPLATS, PROGRESS, QUALITY, SO_FAR = "splats", "~/progress", "~/quality", "~/force_so_far"
 Steps = Generator[Any, None, Any]
 
 
@@ -40,7 +41,7 @@ class Published:
 
     def __init__(self, answer: fields.Answer) -> None:
         self.answer = answer
-        self.messages = [(relative(m.topic), to_ros(m.type_name, m.fields)) for m in results(answer)]
+        self.messages = [(m.topic, to_ros(m.type_name, m.fields)) for m in results(answer)]
 
 
 class FitNode(ClipStage):
@@ -51,7 +52,8 @@ class FitNode(ClipStage):
         self.splats_ns = 0  # stamp of the clip that they belong to; 0: of any
         self.playback: Playback | None = None
         self.loss: float | None = None
-        super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
+        super().__init__("fit_node", OWN, (PROGRESS, SO_FAR, *RESULTS, *PLAYED), masks=True, listens=False)
+        self.tree = Tree(self)
         self.bag = existing(self.parameters["bag"])
         for name, answer in (("fit", self._on_fit), ("cancel", self._on_cancel)):
             self.create_service(Trigger, f"~/{name}", answer)
@@ -77,15 +79,18 @@ class FitNode(ClipStage):
 
     def job(self) -> Job:
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
+        node = self.get_fully_qualified_name()
         if self.bag:
-            return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
-        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume)
+            return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume, node)
+        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume, node)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
             self._publish(news)
             return
         self.loss = news.loss if news.loss is not None else self.loss
+        if news.force is not None:
+            self.send(SO_FAR, fields.force_so_far(news.force))
         self._say(stage=news.stage, iteration=news.iteration, iterations=news.iterations, loss=news.loss, seconds_left=news.seconds_left, text=news.text)
 
     def on_done(self, left_out: list[str]) -> None:
@@ -98,16 +103,17 @@ class FitNode(ClipStage):
         failed = self.state == FAILED
         self._say(stage=self.state, text=reason, level=messages.ERROR if failed else messages.WARN)
         if failed and self.playback is None:
-            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason))
+            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, node=self.get_name()))
 
     def _say(self, *, text: str = "", **news: Any) -> None:
         if text:
             self.get_logger().info(f"{news['stage']}: {text}")
-        self.send(PROGRESS, fields.progress(self.now_ns(), text=text, **news))
+        self.send(PROGRESS, fields.progress(self.now_ns(), text=text, node=self.get_name(), **news))
 
     def _publish(self, published: Published) -> None:
         for name, message in published.messages:
             self.send(name, message)
+        self.tree.announce(published.answer)
         self._stop_playback()
         settings = self.parameters.settings()
         self.playback = Playback(self, published.answer, settings.playback)
@@ -151,7 +157,7 @@ class FitNode(ClipStage):
 
     def _reset(self, request: Any, response: Any) -> Any:
         self._stop_playback()
-        self.advertise(*RESULTS, *PLAYED)
+        self.advertise(SO_FAR, *RESULTS, *PLAYED)
         response = super()._reset(request, response)
         if self.bag:
             response.message = "forgotten; ~/fit reads the bag again"
@@ -171,13 +177,13 @@ def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, che
     return (yield from run(buffer.clip(), settings, splats=splats, checkpoint=checkpoint))
 
 
-def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:
+def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool, node: str) -> Generator[Any, None, list[str]]:
     """News, then what is to be published, then the files; returns what was left out, one sentence each. Owns `out` as long as it runs."""
     from diffphys_ros.inverse import Checkpoint
 
     if not out:
         prepared, _, recovery = yield from job(Checkpoint(None))
-        yield Published(fields.answer(recovery, prepared.clip, settings))
+        yield Published(fields.answer(recovery, prepared.clip, settings, node=node))
         return []
     from diffphys_ros import result
 
@@ -185,7 +191,7 @@ def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out:
         path = folder / result.CHECKPOINT
         checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path.exists())
         prepared, splats, recovery = yield from job(checkpoint)
-        yield Published(fields.answer(recovery, prepared.clip, settings))
-        left_out = result.write_all(recovery, prepared.clip, settings, folder, splats=splats)
+        yield Published(fields.answer(recovery, prepared.clip, settings, node=node))
+        left_out = result.write_all(recovery, prepared.clip, settings, folder, splats=splats, node=node)
         checkpoint.remove()
         return left_out

@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Generator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
@@ -19,10 +21,11 @@ from diffphys_ros.types import Clip
 
 from .clip_stage import CLIP
 from .clip_topics import clip_messages, slot_stamps
-from .convert import stamp_ns
+from .convert import message_class, stamp_ns
 from .intake import Intake, clip_of
 from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
 from .parameters import Own, existing
+from .player import Part, Player, inputs, static_links
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
 from .worker import Job
@@ -30,12 +33,17 @@ from .worker import Job
 BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder")
 OWN = (
     BAG,
+    Own("rate", 0.0, "speed relative to the recording at which the topics of `bag` are played, with /clock, and heard; 0: its clip is read at once"),
+    Own("loop", False, "play `bag` again and again; every pass ends a clip"),
+    Own("start", 0.0, "of `bag`, left out at the beginning [s]"),
+    Own("duration", 0.0, "of `bag`, taken at most [s]; 0: to its end"),
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
     Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
     Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
     MAX_MIB,
 )
 MAX_SILENCE_S = 3600.0
+MAX_RATE, MAX_PART_S = 100.0, 1e6  # of what is played
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
@@ -49,8 +57,9 @@ class IngestNode(StageNode):
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.player: Player | None = None
         if existing(self.parameters["bag"]):
-            self.start(self._read_job())
+            self._read_or_play()
         else:
             self._subscribe()
 
@@ -140,12 +149,43 @@ class IngestNode(StageNode):
         settings = self.parameters.settings()
         self.start(partial(_assemble, self.intake.closed(), settings))
 
-    def _read_job(self) -> Job:
+    def _read_or_play(self) -> None:
+        """Read the clip of the bag, or play it and hear what is played as if a camera sent it."""
+        part = Part(bounded(self.parameters, "rate", 0.0, MAX_RATE), bool(self.parameters["loop"]), *(bounded(self.parameters, n, 0.0, MAX_PART_S) for n in ("start", "duration")))
+        if not part.rate:
+            self.start(self._read_job(part))
+            return
+        path, settings = Path(self.parameters["bag"]), self.parameters.settings()
+        roles = inputs(path, settings.topics)
+        for link in static_links(path):
+            self.intake.take_link(link)
+
+        def hear(topic: str, kind: str, raw: bytes) -> None:
+            if topic in roles:
+                self._hear(roles[topic], topic, deserialize_message(raw, message_class(kind)))
+
+        self.player = Player(self, path, part, hear=hear, ended=self._on_played)
+        self.player.start()
+
+    def _hear(self, role: str, topic: str, message: Any) -> None:
+        if role.startswith("image"):
+            self._on_image(topic, message)
+        elif role == "camera_info":
+            self._on_info(message)
+        else:
+            self._on_beside(role, message)
+
+    def _on_played(self, again: bool) -> None:
+        self.get_logger().info("the recording ends here" + ("; it is played again" if again else ""))
+        if self.collected and not self.closed:
+            self._finish()
+
+    def _read_job(self, part: Part) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
 
         def read() -> Generator[None, None, tuple[Clip, np.ndarray, None]]:
             yield
-            clip = read_clip(bag, settings)
+            clip = read_clip(bag, settings, start_s=part.start_s, duration_s=part.duration_s or None)
             return clip, slot_stamps(clip), None
 
         return read
@@ -162,7 +202,7 @@ class IngestNode(StageNode):
         return response
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        response.success = not self.worker.busy and not self.parameters["bag"]
+        response.success = not self.worker.busy and not (self.parameters["bag"] and self.player is None)
         response.message = "collecting" if response.success else "busy, or reading a bag; start the node again"
         if response.success:
             self.clear()

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, shown
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 
 from .clip_checks import camera_of, check, colour_of, labels_of
 from .convert import message_class, stamp_ns
-from .limits import MAX_FRAMES
+from .limits import MAX_FRAMES, bounded
 from .parameters import Own
 from .qos import profile
 from .splat_topic import splats_of
 from .stage import StageNode
 
 if TYPE_CHECKING:
-    from diffphys_ros.report.rerun_log import Stream
+    from diffphys_ros.report.rerun_log import Stream, Web
 
 OWN = (
-    Own("file", "diffphys.rrd", "rerun recording to write; its folder must exist"),
-    Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, or 'spawn' for a new one"),
+    Own("file", "diffphys.rrd", "rerun recording to write; its folder must exist. Earlier ones are kept: a start, or another clip, that finds one adds _2, _3, ... to its name"),
+    Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, 'spawn' for a new one, or 'web' to serve one for web browsers"),
+    Own("web_port", 9090, "of the viewer for web browsers; its data come from the next port"),
     Own("fit_node", "fit_node", "name of the fit node to look at"),
 )
+INFO = "clip/camera_info"  # opens a clip
+MAX_PORT = 65534
 MAX_LOG10_PA = 30.0  # of a modulus that is shown
 MAX_S = 1e6  # of a frame after the first one
 
@@ -36,10 +40,10 @@ class InspectNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__("inspect_node", OWN)
-        self.stream = self._opened(self._sink())
+        self.web = self._web()
+        self.stream = self._opened()
         self.camera_from: dict[str, Any] = {}  # the latest camera_info and camera_pose, by topic
-        self.images, self.shown = 0, set[str]()
-        self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
+        self._forget()
         for name, show in self._views().items():
             topic = TOPICS[name]
             absolute = name.replace("~", self.parameters["fit_node"], 1)
@@ -48,35 +52,42 @@ class InspectNode(StageNode):
     def close(self) -> None:
         super().close()
         self.stream.close()
+        if self.web is not None:
+            self.web.close()
+
+    def _forget(self) -> None:
+        """Nothing of a clip has been shown yet."""
+        self.images, self.shown = 0, set[str]()
+        self.colours, self.radius_m = np.zeros((0, 3), np.uint8), 0.0
 
     def health(self) -> dict[str, Any]:
         return {"frames": self.images}
 
-    @staticmethod
-    def _opened(sink: dict[str, str]) -> Stream:
-        try:
-            from diffphys_ros.report.rerun_log import Stream
-        except ModuleNotFoundError as error:
-            raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
-        return Stream(**sink)
+    def _web(self) -> Web | None:
+        if self.parameters["viewer"] != "web":
+            return None
+        web = rerun_log().Web(int(bounded(self.parameters, "web_port", 1, MAX_PORT)))
+        self.get_logger().info(f"open {web.url}")
+        return web
 
-    def _sink(self) -> dict[str, str]:
-        file, viewer = self.parameters["file"], self.parameters["viewer"]
+    def _opened(self) -> Stream:
+        viewer, streams = self.parameters["viewer"], rerun_log()
         if viewer:
-            return {"viewer": viewer}
-        if not Path(file).resolve().parent.is_dir():
-            raise InputError(f"parameters of inspect_node: file {file}: its folder does not exist; create it or choose another")
-        return {"file": file}
+            return streams.Stream(viewer=viewer if self.web is None else self.web.uri)
+        file = unused(Path(self.parameters["file"]))
+        self.get_logger().info(f"recording to {file}")
+        return streams.Stream(file=file)
 
     def _views(self) -> dict[str, Any]:
         return {
-            "clip/camera_info": partial(self._show_camera, "clip/camera_info"),
+            INFO: partial(self._show_camera, INFO),
             "clip/camera_pose": partial(self._show_camera, "clip/camera_pose"),
             "clip/image": self._show_image,
             "clip/mask": lambda m: self.stream.log_labels(labels_of(m, "clip/mask")),
             "splats": lambda m: self.stream.log_splats(splats_of(m)),
             "~/material_field": self._show_material,
             "~/force_field": self._show_force_field,
+            "~/force_so_far": self._show_force_so_far,
             "~/quality": self._show_text,
             "~/progress": self._show_progress,
             "~/rendered": lambda m: self.stream.log_rendered(colour_of(m, "~/rendered")),
@@ -84,6 +95,10 @@ class InspectNode(StageNode):
 
     def _take(self, name: str, show: Any, message: Any) -> None:
         self.note_input()
+        if name == INFO and INFO in self.shown:
+            self.stream.close()
+            self.stream = self._opened()
+            self._forget()
         if getattr(message, "header", None) is not None and stamp_ns(message):
             self.stream.at(stamp_ns(message))
         show(message)
@@ -95,20 +110,20 @@ class InspectNode(StageNode):
         check(name, message)
         self.camera_from[name] = message
         if len(self.camera_from) == 2:
-            self.stream.log_camera(camera_of(self.camera_from["clip/camera_info"], self.camera_from["clip/camera_pose"]))
+            self.stream.log_camera(camera_of(self.camera_from[INFO], self.camera_from["clip/camera_pose"]))
 
     def _show_image(self, message: Any) -> None:
         self.stream.log_image(colour_of(message, "clip/image"))
         self.images += 1
 
     def _show_material(self, message: Any) -> None:
-        from diffphys_ros.report.colours import stiffness_colours
+        from diffphys_ros.colours import stiffness_colours
         from diffphys_ros.report.rerun_log import point_radius
 
         points = clouds.particles(message, clouds.MATERIAL).ravel()
         if not (np.abs(points["intensity"]) <= MAX_LOG10_PA).all():
             raise InputError(f"topic ~/material_field: intensity must be log10 of a modulus within {MAX_LOG10_PA:g} of 0; publish the modulus that was used")
-        self.colours, self.radius_m = stiffness_colours(10.0 ** points["intensity"].astype(float)), point_radius(points["volume"])
+        self.colours, self.radius_m = stiffness_colours(np.where(points["identified"], 10.0 ** points["intensity"].astype(float), np.nan)), point_radius(points["volume"])
         self.stream.log_cloud(clouds.xyz(points), self.colours, radius_m=self.radius_m)
 
     def _show_force_field(self, message: Any) -> None:
@@ -126,6 +141,10 @@ class InspectNode(StageNode):
             self.stream.log_arrows(where[k][index], arrows[k])
             self.stream.log_net_force((force[k] * row["volume"][:, None]).sum(0))
 
+    def _show_force_so_far(self, message: Any) -> None:
+        rows = clouds.particles(message, clouds.FORCE)
+        self.stream.log_force_so_far(np.linalg.norm((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), axis=1))
+
     def _show_progress(self, message: Any) -> None:
         for status in message.status:
             loss = messages.number(messages.values_of(status).get("loss", ""))
@@ -137,3 +156,26 @@ class InspectNode(StageNode):
         for status in message.status:
             said = ", ".join(f"{key} {value}" for key, value in messages.values_of(status).items() if value)
             self.stream.log_text(f"{status.name}: {status.message} ({said})")
+
+
+def rerun_log() -> Any:
+    """The module that writes for rerun. Raises InputError where rerun is not installed."""
+    try:
+        from diffphys_ros.report import rerun_log
+    except ModuleNotFoundError as error:
+        raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
+    return rerun_log
+
+
+def unused(path: Path) -> Path:
+    """The path, or with the first number at its name for which there is no file yet; the file is made. Raises InputError where that cannot be."""
+    for number in count(1):
+        candidate = path if number == 1 else path.with_stem(f"{path.stem}_{number}")
+        try:
+            with candidate.open("xb"):
+                return candidate
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"parameters of inspect_node: file {shown(path)}: cannot be written ({error.strerror}); choose a file in a folder that can be") from error
+    raise AssertionError

@@ -19,7 +19,6 @@ from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 
 WANTED = ("~/material_field", "~/force_field", "~/quality")
 HEARD = (*WANTED, "~/progress", "~/net_force")
-LAYOUTS = {"~/material_field": clouds.MATERIAL, "~/force_field": clouds.FORCE}
 EVERY_S = 2.0  # between two lines about iterations
 MOST_PARTS = 255  # that are told; a label image has no more
 MOST_SD = 100.0  # of log10 E that is told
@@ -59,8 +58,8 @@ class Listener:
         return {"net_force": net, "t": rows["t"][:, 0], "young": material["young_modulus"], "part": material["part"]}
 
     def _take(self, topic: str, message: Any) -> None:
-        if topic in LAYOUTS:
-            rows = clouds.particles(message, LAYOUTS[topic])
+        if topic in clouds.LAYOUTS:
+            rows = clouds.particles(message, clouds.LAYOUTS[topic])
             content = rows.ravel() if topic == "~/material_field" else rows
         else:
             content = message
@@ -84,7 +83,7 @@ class Listener:
                 self.say(_progress_line(news, text))
 
     def _tell_material(self, points: np.ndarray, frame_id: str) -> None:
-        self.say(f"material_field: {len(points)} particles in frame {short(frame_id)}")
+        self.say(f"material_field: {len(points)} particles in frame {short(frame_id)}" + ("" if points["absolute"].all() else "; E and force are relative: a density or a size is assumed"))
         for part in np.unique(points["part"])[:MOST_PARTS]:
             own = points["part"] == part
             young, sd = float(np.median(points["young_modulus"][own])), float(np.median(points["log10_young_sd"][own]))

@@ -76,6 +76,10 @@ class StageNode(Node):
         ready = to_ros(TOPICS[name].type_name, fields) if isinstance(fields, Mapping) else fields
         self._outputs[name].publish(ready)
 
+    def heard(self, name: str) -> bool:
+        """Whether anybody subscribes to a topic of the table."""
+        return bool(self._outputs[name].get_subscription_count())
+
     def now_ns(self) -> int:
         """The node's clock [ns]."""
         return self.get_clock().now().nanoseconds

@@ -27,8 +27,8 @@ from scipy.spatial import cKDTree
 
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.colours import pascals, ramp, stiffness_colours, stiffness_range
 from diffphys_ros.errors import InputError
-from diffphys_ros.report.colours import pascals, ramp, stiffness_colours, stiffness_range
 from diffphys_ros.types import Camera, Clip, Recovery
 
 WIDTH_IN, TOP_IN, BOTTOM_IN, DPI = 7.8, 0.27, 0.34, 100

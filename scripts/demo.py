@@ -16,8 +16,8 @@ from processes import PROGRAMS, last_lines, module, node, run, shown, start, sto
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.colours import pascals
 from diffphys_ros.report import figure
-from diffphys_ros.report.colours import pascals
 from diffphys_ros.score import net_force, read_truth
 
 OUT = Path("out/demo")

@@ -18,7 +18,7 @@ from processes import PROGRAMS, run, shown
 
 from diffphys_ros import result
 from diffphys_ros.bags.sample import sample_folder
-from diffphys_ros.report.colours import pascals
+from diffphys_ros.colours import pascals
 
 OUT = Path("out/demo-starts")
 SPREAD = 0.05

@@ -38,7 +38,7 @@ def main(arguments: list[str]) -> int:
         "segment_node": node("segment_node", given),
         "ingest_node": node("ingest_node", given | {"reliability": "reliable"}),
         "inspect_node": node("inspect_node", {"file": OUT / "inspect.rrd"}),
-        "camera": module("diffphys_ros.nodes.replay", str(sample / "clip.mcap")),
+        "camera": module("diffphys_ros.nodes.replay", str(sample / "clip.mcap"), "--inputs"),
     }
     good = all([play("one", one), play("five", five)])
     return 0 if good and print_comparison(OUT / "one", OUT / "five") else 1

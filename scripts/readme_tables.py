@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from diffphys_ros import config
-from diffphys_ros.msg_schemas import TOPICS, Topic
+from diffphys_ros.msg_schemas import TOPICS, Topic, clouds
 
 ROOT = Path(__file__).resolve().parent.parent
 DEFAULTS = ROOT / "config" / "defaults.yaml"
@@ -41,11 +41,25 @@ def _title(heading: str) -> str:
 
 
 def topics_table() -> str:
-    """Every topic with type, QoS, frame and units."""
+    """Every topic with type, QoS, frame and units; the fields of the clouds."""
     rows = (
         (f"`{t.name}`", t.type_name.replace("/msg/", "/"), _qos(t), FRAMES.get(t.frame, t.frame), t.units, t.doc) for t in TOPICS.values()
     )
-    return _table(("topic", "type", "QoS", "frame", "units", "what"), rows)
+    return f"{_table(('topic', 'type', 'QoS', 'frame', 'units', 'what'), rows)}\n\n{clouds_table()}"
+
+
+def clouds_table() -> str:
+    """Every field of the particles' clouds with its type, unit and first byte in each cloud."""
+    layouts = {name: layout for name, layout in clouds.LAYOUTS.items() if name != "~/force_so_far"}
+    names = list(dict.fromkeys(name for layout in layouts.values() for name in layout))
+    units = {name: list(dict.fromkeys(layout[name] for layout in layouts.values() if name in layout)) for name in names}
+    rows = (
+        (f"`{name}`", "uint32" if units[name] == ["#"] else "float32", ", ".join(unit for unit in units[name] if unit != "#"))
+        + tuple(str(clouds.dtype(layout).fields[name][1]) if name in layout else "" for layout in layouts.values())  # type: ignore[index]
+        + (clouds.MEANING.get(name, ""),)
+        for name in names
+    )
+    return _table(("field", "type", "unit", *(f"byte in `{name}`" for name in layouts), "what"), rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {"settings": settings_table, "topics": topics_table}

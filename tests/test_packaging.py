@@ -16,7 +16,7 @@ import pytest
 import diffphys_ros
 
 ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
-NODES = {"ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node"}
+NODES = {"ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node", "graph"}
 LINKED = ("nodes", "bags", "msg_schemas")
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (ROOT / "setup.py").exists(), reason="not a checkout")]
@@ -164,7 +164,7 @@ class TestColcon:
         assert "(ros.ament_python)" in run("colcon", "list", cwd=checkout.parent.parent, PATH=self.PATH)
 
     @pytest.mark.parametrize("mode", [[], ["--symlink-install"]])
-    def test_installs_five_executables_and_an_importable_package(self, checkout, tmp_path, mode):
+    def test_installs_all_executables_and_an_importable_package(self, checkout, tmp_path, mode):
         run("colcon", "build", *mode, "--base-paths", checkout, cwd=tmp_path, PATH=self.PATH)
         prefix = tmp_path / "install" / "diffphys_ros"
         assert {p.name for p in (prefix / "lib" / "diffphys_ros").iterdir() if os.access(p, os.X_OK)} >= NODES

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,10 +149,10 @@ def test_an_npz_that_misses_an_array_is_refused(tmp_path: Path) -> None:
 def test_every_file_of_the_folder_is_written(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
     told: list[str] = []
     left_out = result.write_all(made_recovery, made_clip, config.Settings(), tmp_path, report=told.append)
-    files = {result.RECOVERY, result.METRICS, result.RECORDING, result.RERUN, result.FIGURE}
+    files = set(result.FILES)
     missing = {sentence.split()[0] for sentence in left_out}
     assert {path.name for path in tmp_path.iterdir()} == files - missing
-    assert set(told) == files - {result.RECOVERY, result.METRICS}
+    assert set(told) == files - {result.RECOVERY, result.METRICS, result.RECORDING_OUTLINE}
 
 
 def test_without_matplotlib_the_figure_is_left_out_and_said_so(
@@ -172,6 +173,30 @@ def test_the_recording_holds_the_net_force(tmp_path: Path, made_recovery: Recove
     played = reader.read_ros2_messages(str(tmp_path / result.RECORDING), topics=["/fit_node/net_force"])
     force = [[m.ros_msg.wrench.force.x, m.ros_msg.wrench.force.y, m.ros_msg.wrench.force.z] for m in played]
     np.testing.assert_allclose(force, made_recovery.net_force(), rtol=1e-5, atol=1e-9)
+
+
+def test_the_recording_puts_the_camera_of_the_rendered_images_into_the_world(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")
+    result.write_all(made_recovery, made_clip, config.Settings(), tmp_path, node="/robot1/finder")
+    heard: dict[str, list[Any]] = {}
+    for message in reader.read_ros2_messages(str(tmp_path / result.RECORDING)):
+        heard.setdefault(message.channel.topic, []).append(message.ros_msg)
+    (tree,) = heard.pop("/tf_static")
+    assert all(topic.startswith("/robot1/finder/") for topic in heard)
+    images, infos, (cloud,) = (heard[f"/robot1/finder/{name}"] for name in ("rendered", "camera_info", "material_field"))
+    stamps = [[(m.header.stamp.sec, m.header.stamp.nanosec) for m in some] for some in (images, infos)]
+    assert len(stamps[0]) == len(made_clip)
+    assert stamps[0] == stamps[1]
+    assert {i.header.frame_id for i in (*images, *infos)} == {tree.transforms[0].child_frame_id}
+    assert cloud.header.frame_id == tree.transforms[0].header.frame_id
+    place = tree.transforms[0].transform.translation
+    assert [place.x, place.y, place.z] == pytest.approx(made_clip.camera.position)
+
+
+def test_a_result_folder_that_is_a_persons_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [mine_0.mcap]}")
+    with pytest.raises(InputError, match=r"holds a rosbag2 recording, whose metadata\.yaml would be lost"), result.owned(tmp_path):
+        pass
 
 
 @pytest.fixture

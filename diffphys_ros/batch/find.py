@@ -94,7 +94,7 @@ def _holds_outline(path: Path) -> bool:
 
 
 def _is_bag(folder: Path) -> bool:
-    return (folder / BAG_OUTLINE).exists()
+    return (folder / BAG_OUTLINE).exists() and not (folder / result.RECOVERY).exists()
 
 
 def _recording(path: Path) -> Recording:

@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..progress import Progress
+from ..particles import held_by
+from ..progress import ForceSoFar, Progress
 from .checkpoint import Checkpoint, Stored
 from .clock import Clock, OutOfTimeError
 from .descent import Descent, Space, begin, descend
@@ -83,7 +84,7 @@ def _stage(fitted: Fitted, stages: list[Stage], number: int, state: Descent | No
             checkpoint.offer(Stored(number, fitted.z, state, model.problem.forward.captured, every))
             took, before = clock.spent_s - before, clock.spent_s
             left = took * (total - len(losses)) if len(losses) > 1 else None
-            yield Progress(stage.name, len(losses) - 1, total - 1, state.value, left, _words(model, stage))
+            yield Progress(stage.name, len(losses) - 1, total - 1, state.value, left, _words(model, stage), None if stage.fields else _force_so_far(model))
             if len(losses) < total and not state.done(stage.rules) and not clock.allows_fit(stage.spare * took):
                 raise OutOfTimeError
     except OutOfTimeError:
@@ -129,3 +130,18 @@ def _words(model: Model, stage: Stage) -> str:
         return f"{problem.settings.fit.material_field} material, {problem.settings.fit.force_field} force"
     young = problem.layout.young_of(model.z.detach().numpy()) * problem.disc.apparent
     return "E " + " ".join(f"{e:.4g}" for e in young) + " Pa"
+
+
+def _force_so_far(model: Model) -> ForceSoFar:
+    """The net force on the particles that are not held, as the vectors in hand have it."""
+    problem = model.problem
+    prepared, disc, forward = problem.prepared, problem.disc, problem.forward
+    rest, volume = disc.particles.x_rest[disc.particles.own], disc.particles.volume[disc.particles.own]
+    with torch.no_grad():
+        amplitude = problem.layout.unpack(model.z.to(forward.device, forward.dtype), modes=forward.basis.shape[2]).force.cpu().numpy().astype(float)
+    lever = float((prepared.start.footprint.weights(rest) * volume * ~held_by(disc.grid, rest)).sum())
+    net = prepared.body.rotate_to_world(amplitude) * lever
+    centre = prepared.body.to_world(np.average(rest, axis=0, weights=volume))
+    clip = prepared.clip
+    frame_id = clip.camera.world_frame_id or clip.camera.frame_id
+    return ForceSoFar(clip.start_ns, clip.period_s, frame_id, tuple(centre.tolist()), float(volume.sum()), tuple(map(tuple, net.tolist())))

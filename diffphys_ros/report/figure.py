@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from ..colours import COMPONENTS, NET, pascals, ramp, stiffness_range
 from ..types import Clip, Recovery
-from .colours import COMPONENTS, NET, pascals, ramp, stiffness_range
 
 FRAMES = 4  # shown side by side
 WIDTH_IN, PANELS_IN = 13.0, 4.0  # of the figure; height of the lower panels

@@ -6,19 +6,21 @@ import os
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..colours import COMPONENTS, stiffness_colours
 from ..types import Camera, Clip, Recovery, Splats
-from .colours import COMPONENTS, stiffness_colours
 
 APPLICATION = "diffphys_ros"
 TIME = "time"  # the timeline
 ARROWS = 300  # most force arrows in one frame
 ARROW_SHARE = 0.35  # length of the longest arrow, as a share of the object's extent
 _JPEG_QUALITY = 90
+_WEB_MEMORY = "512MiB"  # of data that is kept for browsers that come later
 
 
 class Stream:
@@ -40,6 +42,7 @@ class Stream:
         for name, colour in zip("xyz", COMPONENTS, strict=True):
             self._rec.log(f"net_force/{name}", rr.SeriesLines(colors=_rgb(colour), names=f"F{name} [N]", widths=2), static=True)
         self._losses: list[float] = []
+        self._shown = 0  # of the losses
 
     def __enter__(self) -> Stream:
         return self
@@ -49,6 +52,7 @@ class Stream:
 
     def close(self) -> None:
         """Write what is buffered and let go of the sink."""
+        self._show_losses()
         self._rec.flush()
         self._rec.disconnect()
 
@@ -102,9 +106,22 @@ class Stream:
             self._rec.log(f"net_force/{name}", rr.Scalars(float(value)))
 
     def log_loss(self, loss: float) -> None:
-        """The loss of one more iteration; a bar each, because iterations are no time of the clip's clock."""
+        """The loss of one more iteration; a bar each, because iterations are no time of the clip's clock.
+
+        All bars are written again when there are an eighth more, and at the end: so a recording grows with the iterations, not with their square.
+        """
         self._losses.append(loss)
-        self._rec.log("loss", rr.BarChart(np.array(self._losses)), static=True)
+        if len(self._losses) > self._shown * 9 // 8:
+            self._show_losses()
+
+    def _show_losses(self) -> None:
+        if len(self._losses) > self._shown:
+            self._rec.log("loss", rr.BarChart(np.array(self._losses)), static=True)
+            self._shown = len(self._losses)
+
+    def log_force_so_far(self, size: np.ndarray) -> None:
+        """Size of the net force by frame (T,) [N] while a fit runs, in the place of the one before."""
+        self._rec.log("force_so_far", rr.BarChart(size), static=True)
 
     def log_text(self, text: str) -> None:
         """One line of news."""
@@ -113,6 +130,20 @@ class Stream:
     def log_document(self, markdown: str) -> None:
         """The summary shown beside the views."""
         self._rec.log("summary", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+class Web:
+    """A viewer for web browsers at `url`, and the server of data that it shows, on the next port: streams go to the viewer `uri`."""
+
+    def __init__(self, port: int) -> None:
+        self._rec = _recording(None)
+        self.uri = self._rec.serve_grpc(grpc_port=port + 1, default_blueprint=blueprint(), server_memory_limit=_WEB_MEMORY)
+        rr.serve_web_viewer(web_port=port, open_browser=False, connect_to=self.uri)
+        self.url = f"http://127.0.0.1:{port}?url={quote(self.uri, safe='')}"
+
+    def close(self) -> None:
+        """Stop to serve data."""
+        self._rec.disconnect()
 
 
 def _recording(recording_id: str | None) -> rr.RecordingStream:
@@ -131,6 +162,7 @@ def blueprint() -> rrb.Blueprint:
         rrb.Tabs(
             rrb.TextDocumentView(origin="summary", name="summary"),
             rrb.BarChartView(origin="loss", name="loss by iteration"),
+            rrb.BarChartView(origin="force_so_far", name="net force by frame [N], while fitting"),
             rrb.TextLogView(origin="log", name="log"),
         ),
     )

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
+from rosbags.rosbag2 import Reader
 
 from diffphys_ros.bags.write import to_message, write_recording
 from diffphys_ros.errors import InputError
@@ -109,3 +110,15 @@ def test_fields_left_out_are_empty_and_rotations_the_identity() -> None:
 def test_a_misspelt_field_or_type_is_an_error(kind: str, fields: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"has no field|unknown message type"):
         to_message(kind, fields)
+
+
+def test_with_its_outline_the_folder_is_a_rosbag2_recording_of_version_9(tmp_path: Path) -> None:
+    write_recording(tmp_path / "recovery.mcap", MESSAGES, outline=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"recovery.mcap", "metadata.yaml"}
+    info = yaml.safe_load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (info["version"], info["storage_identifier"], info["relative_file_paths"]) == (9, "mcap", ["recovery.mcap"])
+    told = {topic["topic_metadata"]["name"]: topic for topic in info["topics_with_message_count"]}
+    assert told["/fit/net_force"]["message_count"] == 2
+    assert [told[topic]["topic_metadata"]["offered_qos_profiles"][0]["durability"] for topic in ("/fit/material", "/fit/net_force")] == ["transient_local", "volatile"]
+    with Reader(tmp_path) as reader:
+        assert [(connection.topic, stamp) for connection, stamp, _ in reader.messages()] == [(m[0], m[2]) for m in MESSAGES]

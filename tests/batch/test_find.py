@@ -17,7 +17,7 @@ from diffphys_ros.errors import InputError
 def tree(tmp_path: Path) -> Path:
     """Recordings of every kind, and what must not be taken for one."""
     top = tmp_path / "all"
-    for name in ("one/clip.mcap", "two/clip.mcap", "two/take.mp4", "bag/bag_0.db3", "bag/metadata.yaml", "done/recovery.mcap", ".hidden/clip.mcap", "out/x/clip.mcap"):
+    for name in ("one/clip.mcap", "two/clip.mcap", "two/take.mp4", "bag/bag_0.db3", "bag/metadata.yaml", "done/recovery.mcap", "done/metadata.yaml", ".hidden/clip.mcap", "out/x/clip.mcap"):
         (top / name).parent.mkdir(parents=True, exist_ok=True)
         (top / name).write_bytes(b"")
     for name in ("one/truth.npz", "done/recovery.npz"):

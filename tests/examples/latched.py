@@ -7,7 +7,6 @@ import rclpy
 from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, fields
 from diffphys_ros.msg_schemas.recording import results
-from diffphys_ros.msg_schemas.topics import relative
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.qos import profile
 from tests.conftest import make_clip, make_recovery
@@ -20,7 +19,7 @@ def main() -> None:
     clip = make_clip()
     for topic, kind, _, values, _ in results(fields.answer(make_recovery(clip), clip, config.Settings())):
         message = to_ros(kind, values)
-        node.create_publisher(type(message), topic, profile(TOPICS[relative(topic)])).publish(message)
+        node.create_publisher(type(message), topic, profile(TOPICS[topic])).publish(message)
     print("published", flush=True)
     rclpy.spin(node)
 

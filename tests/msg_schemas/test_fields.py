@@ -10,7 +10,9 @@ import pytest
 from diffphys_ros import config, msg_schemas
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import clouds, fields, messages
+from diffphys_ros.msg_schemas.markers import DELETE_ALL
 from diffphys_ros.msg_schemas.thinning import thin
+from diffphys_ros.progress import ForceSoFar
 from diffphys_ros.types import Recovery
 
 BOX = [-0.005, -0.02, -0.02, 0.005, 0.03, 0.04]
@@ -65,16 +67,58 @@ def test_material_and_force_field_share_order_and_ids(made_recovery, made_clip):
     assert (force["volume"] == material["volume"]).all()
 
 
-def test_material_field_has_the_documented_bytes(made_recovery, made_clip):
-    message = answer(made_recovery, made_clip).material_field()
-    names = ["x", "y", "z", "young_modulus", "poisson_ratio", "density", "volume", "log10_young_sd", "intensity", "id", "part"]
-    assert [f["name"] for f in message["fields"]] == names
-    assert [f["datatype"] for f in message["fields"]] == [7] * 9 + [6] * 2
-    assert len(message["data"]) == message["row_step"] * message["height"] == 44 * 40
-    cloud = clouds.unpack(message)[0]
+# name, sensor_msgs/PointField datatype (6 uint32, 7 float32), offset: what subscribers may rely on. Later versions add fields at the end.
+PINNED = {
+    "material_field": [
+        ("x", 7, 0), ("y", 7, 4), ("z", 7, 8), ("young_modulus", 7, 12), ("log10_young_sd", 7, 16), ("young_lower", 7, 20), ("poisson_ratio", 7, 24),
+        ("density", 7, 28), ("volume", 7, 32), ("part", 6, 36), ("identified", 6, 40), ("absolute", 6, 44), ("intensity", 7, 48), ("id", 6, 52),
+    ],
+    "force_field": [
+        ("x", 7, 0), ("y", 7, 4), ("z", 7, 8), ("t", 7, 12), ("fx", 7, 16), ("fy", 7, 20), ("fz", 7, 24), ("volume", 7, 28), ("intensity", 7, 32),
+        ("id", 6, 36),
+    ],
+    "state": [("x", 7, 0), ("y", 7, 4), ("z", 7, 8), ("fx", 7, 12), ("fy", 7, 16), ("fz", 7, 20), ("intensity", 7, 24), ("id", 6, 28)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PINNED)
+def test_names_types_and_places_of_the_fields_are_those_that_subscribers_rely_on(made_recovery, made_clip, name):
+    found = answer(made_recovery, made_clip)
+    message = found.state(3) if name == "state" else getattr(found, name)()
+    fields_of = [(f["name"], f["datatype"], f["offset"]) for f in message["fields"]]
+    assert fields_of[: len(PINNED[name])] == PINNED[name]
+    assert len(message["data"]) == message["row_step"] * message["height"] == message["point_step"] * message["width"] * message["height"]
+    assert f"~/{name}" in clouds.LAYOUTS
+
+
+def test_the_material_field_says_what_is_known_of_every_particle(made_recovery, made_clip):
+    cloud = clouds.unpack(answer(replace(made_recovery, identified=np.array([True, False])), made_clip).material_field())[0]
     np.testing.assert_allclose(cloud["intensity"], np.log10(made_recovery.young), rtol=1e-6)
     assert (cloud["part"] == made_recovery.part).all()
-    assert message["is_dense"]
+    assert (cloud["identified"] == (made_recovery.part == 1)).all()
+    assert np.isnan(cloud["young_lower"]).all()
+
+
+@pytest.mark.parametrize(
+    ("density", "scale", "absolute"),
+    [
+        ("mass_kg over the filled volume", "depth topic", 1),
+        ("assumed: 1000 kg/m^3", "depth topic", 0),
+        ("density_kg_m3", "unknown: the object is assumed 1 m away", 0),
+        (None, None, 0),
+    ],
+)
+def test_the_scale_is_absolute_where_neither_density_nor_size_is_assumed(made_recovery, made_clip, density, scale, absolute):
+    told = {name: value for name, value in (("density_source", density), ("metric_scale_source", scale)) if value}
+    cloud = clouds.unpack(answer(replace(made_recovery, metrics=told), made_clip).material_field())
+    assert (cloud["absolute"] == absolute).all()
+
+
+@pytest.mark.parametrize("name", ["force_field", "state"])
+def test_the_intensity_of_a_force_is_its_size(made_recovery, made_clip, name):
+    found = answer(varied(made_recovery), made_clip)
+    cloud = clouds.unpack(found.force_field() if name == "force_field" else found.state(3))
+    np.testing.assert_allclose(cloud["intensity"], np.linalg.norm(clouds.xyz(cloud, "f"), axis=-1), rtol=1e-5)
 
 
 def test_the_modulus_of_an_unidentified_part_is_nan_and_the_cloud_says_so(made_recovery, made_clip):
@@ -123,7 +167,7 @@ def test_the_reference_lies_on_the_side_where_the_body_leaves_a_thick_box():
 
 def test_markers_are_capped_cleared_first_and_have_unit_quaternions(made_recovery, made_clip):
     markers = answer(made_recovery, made_clip, publish__max_markers=5).force_markers(3)["markers"]
-    assert markers[0]["action"] == fields.DELETE_ALL
+    assert markers[0]["action"] == DELETE_ALL
     assert len(markers[1]["points"]) == 10
     assert all(m["pose"]["orientation"]["w"] == 1 for m in markers)
     length = np.diff([[p[a] for a in "xyz"] for p in markers[1]["points"]], axis=0)[::2]
@@ -132,6 +176,40 @@ def test_markers_are_capped_cleared_first_and_have_unit_quaternions(made_recover
 
 def test_no_markers_means_only_the_deletion(made_recovery, made_clip):
     assert len(answer(made_recovery, made_clip, publish__max_markers=0).force_markers(0)["markers"]) == 1
+
+
+def test_stiffness_markers_have_one_colour_a_stiffness_and_grey_where_it_is_not_identified(made_recovery, made_clip):
+    partly = replace(made_recovery, identified=np.array([True, False]))
+    deletion, cubes = answer(partly, made_clip, publish__max_markers=30).stiffness_markers()["markers"]
+    assert deletion["action"] == DELETE_ALL
+    assert len(cubes["points"]) == len(cubes["colors"]) <= 30
+    soft = np.array([point["x"] > 0.05 for point in cubes["points"]])
+    colours = np.array([[colour[c] for c in "rgba"] for colour in cubes["colors"]])
+    assert soft.any()
+    assert not soft.all()
+    assert (np.ptp(colours[soft, :3], axis=1) == 0).all()
+    assert (np.ptp(colours[~soft, :3], axis=1) > 0.1).all()
+    assert (colours[:, 3] == 1).all()
+    whole = answer(made_recovery, made_clip, publish__max_markers=30).stiffness_markers()["markers"][1]
+    assert len({tuple(colour.values()) for colour in whole["colors"]}) == 2
+
+
+def test_the_camera_of_a_rendered_image_has_its_stamp_and_stands_in_the_tree(made_recovery, made_clip):
+    found = answer(made_recovery, made_clip)
+    info, picture = found.camera_info(4), found.rendered(4)
+    assert info["header"] == picture["header"]
+    assert (info["height"], info["width"]) == (picture["height"], picture["width"])
+    (link,) = found.tree()["transforms"]
+    assert (link["header"]["frame_id"], link["child_frame_id"]) == (found.world, info["header"]["frame_id"])
+    assert answer(replace(made_recovery, frames=None), made_clip).camera_info(4) is None
+
+
+def test_a_camera_without_a_pose_looks_along_x_of_a_world_of_its_own(made_recovery, made_clip):
+    alone = replace(made_clip, camera=replace(made_clip.camera, world_from_camera=np.eye(4), world_frame_id=""))
+    (link,) = answer(made_recovery, alone).tree()["transforms"]
+    assert (link["header"]["frame_id"], link["child_frame_id"]) == ("world", "camera_optical")
+    q = link["transform"]["rotation"]
+    assert [q[c] for c in "xyzw"] == pytest.approx([-0.5, 0.5, -0.5, 0.5])  # REP-103: optical z forward is x, optical y down is -z
 
 
 def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery, made_clip):
@@ -155,16 +233,31 @@ def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_cli
     assert float(values["peak_net_force"]) == pytest.approx(np.linalg.norm(made_recovery.net_force(), axis=1).max(), rel=1e-5)
 
 
+def test_the_force_so_far_times_its_volume_is_the_net_force():
+    net = np.random.default_rng(0).normal(size=(5, 3))
+    message = fields.force_so_far(ForceSoFar(10**9, 0.1, "world", (1.0, 2.0, 3.0), 4e-4, tuple(map(tuple, net.tolist()))))
+    rows = clouds.particles(message, clouds.FORCE)
+    assert rows.shape == (5, 1)
+    np.testing.assert_allclose((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), net, rtol=1e-6)
+    np.testing.assert_allclose(rows["t"][:, 0], np.arange(5) * 0.1, rtol=1e-6)
+    assert [rows[axis][0, 0] for axis in "xyz"] == [1, 2, 3]
+
+
 def test_progress_has_the_documented_keys():
     status = fields.progress(0, stage="fit", iteration=3, iterations=10, loss=0.5)["status"][0]
     assert messages.values_of(status) == {"stage": "fit", "iteration": "3", "iterations": "10", "loss": "0.5", "seconds_left": ""}
 
 
-def test_a_recording_begins_with_the_latched_results_and_goes_on_in_time(made_recovery, made_clip):
-    recorded = list(msg_schemas.recording(made_recovery, made_clip, config.build({})))
-    assert [m.topic for m in recorded[:3]] == ["/fit_node/material_field", "/fit_node/force_field", "/fit_node/quality"]
+@pytest.mark.parametrize("node", ["fit_node", "/robot1/finder"])
+def test_a_recording_begins_with_what_is_latched_and_goes_on_in_time_under_the_name_of_its_node(made_recovery, made_clip, node):
+    recorded = list(msg_schemas.recording(made_recovery, made_clip, config.build({}), node=node))
+    name = node.lstrip("/")
+    latched = [f"/{name}/{topic}" for topic in ("material_field", "force_field", "stiffness_markers", "quality")]
+    assert [m.topic for m in recorded[:5]] == ["/tf_static", *latched]
     assert (np.diff([m.stamp_ns for m in recorded]) >= 0).all()
-    assert sum(m.topic == "/fit_node/rendered" for m in recorded) == len(made_recovery.force)
+    for played in ("rendered", "camera_info"):
+        assert sum(m.topic == f"/{name}/{played}" for m in recorded) == len(made_recovery.force)
+    assert recorded[4].fields["status"][0]["name"] == f"{name.split('/')[-1]}: part 1"
 
 
 def test_a_quaternion_gives_its_rotation_back():

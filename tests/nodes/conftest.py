@@ -82,6 +82,7 @@ class Resumed:
     config: str  # files of settings, as a parameter of any node
     left: list[str]  # names of files in `out` between the two
     iterations: list[str]  # that the second told of
+    force_so_far: list[Any]  # messages of both
 
 
 @pytest.fixture(scope="session")
@@ -97,6 +98,7 @@ def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFac
     with making(domain) as make:
         robot = Robot(make(FitNode, bag=half_sample / "clip.mcap", config=files, out=out, resume=True))
         robot.listen("~/progress")
+        robot.listen("~/force_so_far")
         robot.until(lambda: robot.fits(1))
         assert robot.call("cancel").success
         robot.until(lambda: robot.node.state == "cancelled")
@@ -105,4 +107,4 @@ def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFac
         assert robot.call("fit").success
         robot.until(lambda: robot.node.state == "done")
         robot.close()
-    return Resumed(out, files, left, robot.iterations())
+    return Resumed(out, files, left, robot.iterations(), robot.heard["~/force_so_far"])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import time
 
+import numpy as np
 import pytest
 
-from diffphys_ros import config
+from diffphys_ros import config, result
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.msg_schemas import clouds, fields, messages
 from diffphys_ros.nodes.fit_node import FitNode, Published
@@ -51,6 +52,13 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(resu
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
     assert not (resumed.out / "checkpoint.npz").exists()
+
+
+def test_the_last_force_so_far_is_that_of_the_answer(resumed):
+    metrics = json.loads((resumed.out / "metrics.json").read_text())
+    rows = clouds.particles(resumed.force_so_far[-1 if metrics["refined"] else 0], clouds.FORCE)  # the start is the answer where none is nearer
+    so_far, answer = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), result.load(resumed.out)
+    np.testing.assert_allclose(so_far, answer.net_force(), atol=0.02 * np.abs(so_far).max())
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):

@@ -28,7 +28,7 @@ def five(tmp_path_factory, half_sample, resumed):
     folder = tmp_path_factory.mktemp("five")
     given = {"config": resumed.config}  # the same files of settings for every node, whatever it reads of them
     with Domain(folder) as domain:
-        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"))
+        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"), "--inputs")
         domain.node("ingest_node", reliability="reliable", silence_s=6.0, **given)
         domain.node("fit_node", out=folder / "out", **given)
         domain.node("splat_node", **given)

@@ -102,7 +102,7 @@ def assert_as_in_one_process(buffer: ClipBuffer, expected) -> None:
 
 def test_a_recorded_mask_topic_reaches_the_segmenter_through_a_live_camera(bag, expected, tmp_path):
     with Domain(tmp_path) as domain:
-        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(bag), "--mask", SEGMENTER)
+        domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(bag), "--inputs", "--mask", SEGMENTER)
         domain.node("segment_node", **SETTINGS)
         domain.node("ingest_node", reliability="reliable", silence_s=5.0)
         assert_as_in_one_process(received(domain), expected)
@@ -122,7 +122,7 @@ def test_a_second_clip_goes_through_the_same_nodes(bag, tmp_path):
         domain.node("segment_node", **SETTINGS)
         domain.node("ingest_node", reliability="reliable", silence_s=3.0)
         for number in (1, 2):
-            domain.start(f"camera{number}", "-m", "diffphys_ros.nodes.replay", str(bag), "--mask", SEGMENTER)
+            domain.start(f"camera{number}", "-m", "diffphys_ros.nodes.replay", str(bag), "--inputs", "--mask", SEGMENTER)
             until = time.monotonic() + PATIENCE_S
             while domain.said("segment_node").count("published 12 label images") < number:
                 assert time.monotonic() < until, "\n".join(domain.said(name) for name in domain.running)

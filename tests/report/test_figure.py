@@ -16,8 +16,8 @@ from matplotlib.image import imread
 from matplotlib.patches import StepPatch
 from matplotlib.text import Text
 
+from diffphys_ros.colours import COMPONENTS, pascals, ramp, stiffness_colours
 from diffphys_ros.report import figure
-from diffphys_ros.report.colours import COMPONENTS, pascals, ramp, stiffness_colours
 
 
 def has_colour(image: np.ndarray, colour: str) -> bool:

@@ -61,3 +61,23 @@ def test_a_stream_needs_exactly_one_place_to_go(tmp_path: Path) -> None:
         rerun_log.Stream()
     with pytest.raises(ValueError, match="a file or a viewer"):
         rerun_log.Stream(file=tmp_path / "a.rrd", viewer="spawn")
+
+
+def test_a_recording_grows_with_the_number_of_losses_not_with_its_square(tmp_path: Path) -> None:
+    def size(count: int) -> int:
+        path = tmp_path / f"{count}.rrd"
+        with rerun_log.Stream(file=path) as stream:
+            for loss in np.random.default_rng(0).random(count):
+                stream.log_loss(float(loss))
+        return path.stat().st_size
+
+    small, middle, large = size(10), size(1000), size(4000)
+    assert (large - small) / (middle - small) < 6
+
+
+def test_the_last_loss_is_in_the_recording(tmp_path: Path) -> None:
+    with rerun_log.Stream(file=tmp_path / "a.rrd") as stream:
+        for loss in range(1, 101):
+            stream.log_loss(float(loss))
+        assert stream._shown < 100
+    assert stream._shown == 100

@@ -12,8 +12,8 @@ from PIL import Image
 
 from diffphys_ros import config, result
 from diffphys_ros.bags.write import write_recording
+from diffphys_ros.colours import stiffness_colours
 from diffphys_ros.errors import InputError
-from diffphys_ros.report.colours import stiffness_colours
 from diffphys_ros.types import Clip, Recovery
 from tests.script import loaded
 from tools.sample_maker.messages import clip_messages

@@ -1,4 +1,4 @@
-"""Colours shared by the figure and the rerun recording, so that a stiffness has one colour everywhere."""
+"""Colours shared by the figure, the markers and the rerun recording, so that a stiffness has one colour everywhere."""
 
 from __future__ import annotations
 

@@ -1,0 +1,104 @@
+"""The arguments of the launch files and what the nodes get of them: plain values, without `launch`. They stand beside the launch files, because
+`ros2 launch` may run under a Python that does not see the package."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+YES = ("true", "1", "yes", "on")
+
+
+class Argument(NamedTuple):
+    """Of a launch file. One that is empty, or false, is not handed on, so that the node's own default holds."""
+
+    default: str
+    doc: str
+    kind: type = str  # as a parameter of a node
+
+
+NODE = {
+    "config": Argument("", "YAML file of settings, as for the command line"),
+    "params_file": Argument("", "ROS file of parameters, as for --params-file"),
+    "namespace": Argument("", "namespace of the nodes"),
+    "use_sim_time": Argument("false", "take the time from /clock", bool),
+    "log_level": Argument("info", "debug, info, warn, error or fatal"),
+}
+FIT = {
+    "out": Argument("", "folder for the results; empty: none are written"),
+    "exit_when_done": Argument("false", "end the process, and with it the launch, when the result is there", bool),
+}
+BAG = {"bag": Argument("", "recording: MCAP file, .db3 file, rosbag2 folder, video or folder of images")}
+PLAY = {
+    "rate": Argument("0.0", "speed at which the recording is played, with /clock; 0: its clip is read at once", float),
+    "loop": Argument("false", "play the recording again and again", bool),
+    "start": Argument("0.0", "of the recording, left out at the beginning [s]", float),
+    "duration": Argument("0.0", "of the recording, taken at most [s]; 0: to its end", float),
+}
+INPUTS = {name: Argument(name, f"topic that ingest_node takes as {name}") for name in ("image", "camera_info", "depth", "mask", "camera_pose")}
+INSPECT = {
+    "rrd": Argument("diffphys.rrd", "rerun recording that inspect_node writes; earlier ones are kept"),
+    "viewer": Argument("", "rerun viewer instead: a grpc URL, spawn, or web for a page at web_port"),
+    "web_port": Argument("9090", "of the page; its data come from the next port", int),
+}
+VIEWERS = {
+    "rviz": Argument("false", "open RViz with config/diffphys.rviz", bool),
+    "fixed_frame": Argument("world", "of RViz: the frame of the results"),
+    "foxglove": Argument("false", "start foxglove_bridge on port 8765; import config/foxglove.json in Foxglove", bool),
+}
+# Topics that config/diffphys.rviz names: a namespace goes before them.
+SHOWN = (
+    *(f"/fit_node/{name}" for name in ("material_field", "state", "force_markers", "stiffness_markers", "net_force", "rendered", "camera_info")),
+    "/clip/image",
+    "/click",
+)
+SHOWS = {
+    "inspect": Argument("true", "start inspect_node", bool),
+    "composed": Argument("false", "all nodes in one process", bool),
+    "reliability": Argument("best_effort", "of the camera's topics: best_effort or reliable"),
+}
+LOOKS = {
+    "rerun": Argument("true", "start inspect_node, which writes a rerun recording or feeds a viewer", bool),
+    "fit_node": Argument("fit_node", "name of the fit node to look at"),
+}
+# A launch file's arguments, and which of them each of its nodes gets: {argument: parameter}.
+ARGUMENTS = {
+    "fit": {**BAG, **FIT, **NODE, **VIEWERS, "inspect": Argument("false", "start inspect_node beside it", bool), **INSPECT},
+    "graph": {**INPUTS, **SHOWS, **BAG, **PLAY, **FIT, **NODE, **VIEWERS, **INSPECT},
+    "inspect": {**INSPECT, **LOOKS, **VIEWERS, **NODE},
+}
+_ALL = {"config": "config", "use_sim_time": "use_sim_time"}
+_FIT = _ALL | {"out": "out", "exit_when_done": "exit_when_done"}
+_INSPECT = _ALL | {"rrd": "file", "viewer": "viewer", "web_port": "web_port"}
+GETS = {
+    "fit": {"fit_node": _FIT | {"bag": "bag"}, "inspect_node": _INSPECT},
+    "graph": {
+        "ingest_node": _ALL | {name: name for name in ("reliability", "bag", *PLAY)},
+        "segment_node": _ALL,
+        "splat_node": _ALL,
+        "fit_node": _FIT,
+        "inspect_node": _INSPECT,
+    },
+    "inspect": {"inspect_node": _INSPECT | {"fit_node": "fit_node"}},
+}
+
+
+def said(given: dict[str, str], name: str) -> bool:
+    """Whether an argument says yes."""
+    return given.get(name, "false").lower() in YES
+
+
+def parameters(launch: str, node: str, given: dict[str, str]) -> dict[str, Any]:
+    """Parameters of a node of a launch file, in their kinds, by the values of its arguments; those that keep their default are left to the node."""
+    found: dict[str, Any] = {}
+    for argument, parameter in GETS[launch][node].items():
+        each, value = ARGUMENTS[launch][argument], given[argument]
+        if each.kind is bool:
+            found |= {parameter: True} if said(given, argument) else {}
+        elif value != each.default:
+            found[parameter] = each.kind(value)
+    return found
+
+
+def renamed(given: dict[str, str]) -> list[tuple[str, str]]:
+    """The camera's topics as ingest_node hears them; image transports publish compressed images below the raw topic."""
+    return [*((name, given[name]) for name in INPUTS), ("image/compressed", f"{given['image']}/compressed")]
