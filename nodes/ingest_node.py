@@ -21,21 +21,21 @@ from .clip_stage import CLIP
 from .clip_topics import clip_messages, slot_stamps
 from .convert import stamp_ns
 from .intake import Intake, clip_of
-from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
+from .limits import MAX_FRAMES, MAX_MIB, max_bytes
 from .parameters import Own, existing
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
 from .worker import Job
 
-BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder")
+BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder", check=existing)
+MAX_SILENCE_S = 3600.0
 OWN = (
     BAG,
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
-    Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
-    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
+    Own("silence_s", 2.0, "the clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
+    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory", low=2, high=MAX_FRAMES),
     MAX_MIB,
 )
-MAX_SILENCE_S = 3600.0
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
@@ -43,16 +43,22 @@ class IngestNode(StageNode):
     """Collects raw images until they stop, or ~/end is called, and publishes one clip; ~/reset begins another."""
 
     def __init__(self) -> None:
+        self.intake = Intake(MAX_FRAMES, 0)
+        self.clear()
         super().__init__("ingest_node", OWN, CLIP)
-        self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
-        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters))
+
+    def configure(self) -> None:
+        self.silence_s = self.parameters["silence_s"]
+        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters))
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        if existing(self.parameters["bag"]):
-            self.start(self._read_job())
-        else:
+
+    def activate(self) -> None:
+        if not self.parameters["bag"]:
             self._subscribe()
+        elif self.state != "done":
+            self.start(self._read_job())
 
     def clear(self) -> None:
         """Begin to collect."""
@@ -85,7 +91,7 @@ class IngestNode(StageNode):
         self.get_logger().info(f"published a clip of {len(clip)} frames, {clip.period_s * 1e3:.1f} ms apart")
 
     def on_failed(self, reason: str) -> None:
-        self.get_logger().error(reason)
+        super().on_failed(reason)
         if not self.parameters["bag"]:
             self.clear()  # what comes next may make a clip
 

@@ -35,11 +35,17 @@ class InspectNode(StageNode):
     """Logs clip, masks, splats and the results of a fit node."""
 
     def __init__(self) -> None:
-        super().__init__("inspect_node", OWN)
-        self.stream = self._opened(self._sink())
+        self.stream: Any = None
+        self.make_stream = _stream_class()  # imported before any transition, which must not take seconds
         self.camera_from: dict[str, Any] = {}  # the latest camera_info and camera_pose, by topic
         self.images, self.shown = 0, set[str]()
         self.colours, self.radius_m, self.arrow_m = np.zeros((0, 3), np.uint8), 0.0, 0.0
+        super().__init__("inspect_node", OWN)
+
+    def configure(self) -> None:
+        self.stream = self.make_stream(**self._sink())
+
+    def activate(self) -> None:
         for name, show in self._views().items():
             topic = TOPICS[name]
             absolute = name.replace("~", self.parameters["fit_node"], 1)
@@ -47,18 +53,16 @@ class InspectNode(StageNode):
 
     def close(self) -> None:
         super().close()
-        self.stream.close()
+        self.on_cleaned()
+
+    def on_cleaned(self) -> None:
+        super().on_cleaned()
+        if self.stream is not None:
+            self.stream.close()
+            self.stream = None
 
     def health(self) -> dict[str, Any]:
         return {"frames": self.images}
-
-    @staticmethod
-    def _opened(sink: dict[str, str]) -> Stream:
-        try:
-            from diffphys_ros.report.rerun_log import Stream
-        except ModuleNotFoundError as error:
-            raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
-        return Stream(**sink)
 
     def _sink(self) -> dict[str, str]:
         file, viewer = self.parameters["file"], self.parameters["viewer"]
@@ -137,3 +141,11 @@ class InspectNode(StageNode):
         for status in message.status:
             said = ", ".join(f"{key} {value}" for key, value in messages.values_of(status).items() if value)
             self.stream.log_text(f"{status.name}: {status.message} ({said})")
+
+
+def _stream_class() -> type[Stream]:
+    try:
+        from diffphys_ros.report.rerun_log import Stream
+    except ModuleNotFoundError as error:
+        raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
+    return Stream
