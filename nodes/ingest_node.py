@@ -42,6 +42,8 @@ REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 class IngestNode(StageNode):
     """Collects raw images until they stop, or ~/end is called, and publishes one clip; ~/reset begins another."""
 
+    sparse = ("mask",)
+
     def __init__(self) -> None:
         self.intake = Intake(MAX_FRAMES, 0)
         self.clear()

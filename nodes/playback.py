@@ -49,4 +49,6 @@ class Playback:
         for message in played(self.answer, self.frame, wanted):
             self._node.send(relative(message.topic), message.fields)
         self.frame = 0 if last else self.frame + 1
-        self._ended = last and not self._loop
+        if last and not self._loop:
+            self._ended = True
+            self.pause()

@@ -45,6 +45,8 @@ class StageNode(ManagedNode):
     waiting_for and health. Their attributes stand before this constructor, which configures and activates the node (parameter autostart).
     """
 
+    sparse: tuple[str, ...] = ()  # topics of a driver on which a message now and then will do
+
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = ()) -> None:
         self.streams: dict[str, Stream] = {}  # by resolved topic
         self._inputs: dict[str, str] = {}  # resolved topics by the names that the node gives them
@@ -79,7 +81,7 @@ class StageNode(ManagedNode):
         self._inputs[topic] = resolved
         self._overridable.add(f"{OVERRIDES}{resolved}.subscription")
         qos = copy(qos_profile) if isinstance(qos_profile, QoSProfile) else QoSProfile(depth=qos_profile)
-        stream = Stream(resolved) if is_stream(qos) else None
+        stream = Stream(resolved, sparse=topic in self.sparse) if is_stream(qos) else None
         events = {} if stream is None else {"event_callbacks": _events(stream)}
         caught = self.net.around(callback if stream is None else _heard_by(stream, callback), topic)
         options |= {"qos_overriding_options": overridable()}

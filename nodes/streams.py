@@ -28,10 +28,10 @@ class Doubt(NamedTuple):
 
 
 class Stream:
-    """One topic that a driver keeps sending on; `topic` is its resolved name."""
+    """One topic that a driver keeps sending on; `topic` is its resolved name, and `sparse` means that a message now and then will do."""
 
-    def __init__(self, topic: str) -> None:
-        self.topic, self.reliable = topic, False
+    def __init__(self, topic: str, *, sparse: bool = False) -> None:
+        self.topic, self.sparse, self.reliable = topic, sparse, False
         self.received = self.lost = 0
         self.last: float | None = None
         self.mismatch = ""  # the policy that a publisher does not offer
@@ -60,7 +60,7 @@ class Stream:
             yield Doubt("incompatible", self.topic, f"{self.topic}: a publisher offers another {self.mismatch} than is wanted, nothing comes from it; {self._other_quality()}")
         if lost:
             yield Doubt("lost", self.topic, f"{self.topic}: {lost} of {lost + came} messages of the last {WINDOW_S:g} s were lost on the way; {self._more_room()}")
-        elif words := self._slow():
+        elif not self.sparse and (words := self._slow()):
             yield Doubt("slow", self.topic, f"{self.topic}: {words}; {self._more_room()}")
 
     def silent(self, now: float) -> bool:
@@ -78,7 +78,7 @@ class Stream:
         steps = steps[steps > 0]
         if len(steps) < FEW - 1:
             return ""
-        span, period = float(steps.sum()), float(np.quantile(steps, 0.2))
+        span, period = float(steps.sum()), float(np.median(steps))
         rate, expected = len(steps) / span, span / period
         if len(steps) < LEAST_SHARE * expected:
             return f"{len(steps)} of about {expected:.0f} messages come, by their stamps ({rate:.1f} in place of {1 / period:.1f} Hz)"
@@ -99,6 +99,6 @@ def silences(streams: Iterable[Stream], publishers: dict[str, int], now: float) 
     if all(stream.silent(now) for stream in streams):
         return
     for stream in streams:
-        if stream.silent(now) and publishers.get(stream.topic, 0):
+        if not stream.sparse and stream.silent(now) and publishers.get(stream.topic, 0):
             since = "yet" if stream.last is None else f"for {now - stream.last:.0f} s"
             yield Doubt("silent", stream.topic, f"{stream.topic}: no message {since}, though it has a publisher; {stream._more_room()}")

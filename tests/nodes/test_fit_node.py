@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
@@ -71,17 +73,27 @@ def robot(make_node):
         each.me.destroy_node()
 
 
-def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
+def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample, capfd):
     r = robot(bag=half_sample / "clip.mcap", config=half_sample / "given.yaml")
-    r.listen("~/progress")
+    for name in ("~/progress", "/diagnostics"):
+        r.listen(name)
     r.until(lambda: "segment" in r.stages())
-    assert not r.call("fit").success  # one runs
-    assert r.call("cancel").success
+    running = r.call("fit")  # one runs
+    assert (running.success, running.message) == (False, f"run {r.node.run} is running; call ~/cancel first")
+    first = r.node.run
+    assert r.call("cancel").message == f"run {first} ends"
     r.until(lambda: r.node.state == "cancelled")
     r.until(lambda: "cancelled" in r.stages())
+    assert r.heard["~/progress"][-1].status[0].level == bytes([messages.WARN])
     assert not r.call("cancel").success
-    assert r.call("fit").success
+    said = capfd.readouterr().err
+    assert said.count("cancelled; ~/fit begins again") == 1
+    assert "[ERROR]" not in said
+    (second,) = re.fullmatch(r"run ([0-9a-f]{8}) begun", r.call("fit").message).groups()
+    assert second != first
     r.until(lambda: r.stages().count("segment") == 2)
+    assert {values["run"] for values in r.progress()} == {first, second}
+    r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["run"] == second)
     assert r.call("reset").success
     r.until(lambda: not r.node.worker.busy)
 
@@ -95,7 +107,8 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robo
     files = f"[{half_sample / 'given.yaml'}, {coarse}]"
     bag = {"bag": half_sample / "clip.mcap", "config": files, "out": tmp_path / "out", "resume": True}
     r = robot(**bag, **FEW)
-    r.listen("~/progress")
+    for name in ("~/progress", "~/quality"):
+        r.listen(name)
     r.until(lambda: r.fits(1))
     assert r.call("cancel").success
     r.until(lambda: r.node.state == "cancelled")
@@ -108,9 +121,37 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(robo
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
     assert not (tmp_path / "out" / "checkpoint.npz").exists()
+    assert metrics["run"] == r.node.run
+    quality = r.heard["~/quality"][-1]
+    assert {messages.values_of(status)["run"] for status in quality.status} == {r.node.run}
+    assert {status.hardware_id for status in quality.status} == {"camera_color_optical_frame"}
+    assert quality.header.frame_id == "world"
+    assert_nothing_is_done_twice(r, tmp_path / "out")
 
 
-def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
+def assert_nothing_is_done_twice(r: Robot, out) -> None:
+    """~/fit after a fit that is done."""
+    run = r.node.run
+    again = r.call("fit")
+    assert (again.success, r.node.worker.busy, r.node.run) == (True, False, run)
+    assert f"run {run} stands" in again.message
+    (out / "recovery.npz").rename(out / "elsewhere.npz")
+    begins(r)
+    (out / "elsewhere.npz").rename(out / "recovery.npz")
+    r.node.state, r.node.begun_with = "done", r.node._given()
+    assert "stands" in r.call("fit").message
+    assert r.node.set_parameters_atomically([Parameter("scene.thickness_m", value=0.06)]).successful
+    begins(r)
+
+
+def begins(r: Robot) -> None:
+    """~/fit begins a fit, which is ended again."""
+    assert r.call("fit").message == f"run {r.node.run} begun"
+    r.call("cancel")
+    r.until(lambda: not r.node.worker.busy)
+
+
+def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path, capfd):
     (tmp_path / "broken.mcap").write_bytes((sample_folder() / "clip.mcap").read_bytes()[:20_000])
     r = robot(bag=tmp_path / "broken.mcap")
     for name in ("~/quality", "~/progress", "/diagnostics"):
@@ -120,12 +161,86 @@ def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_o
     assert status.level == bytes([messages.ERROR])
     assert "broken.mcap" in messages.values_of(status)["reason"]
     r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["state"] == "failed")
+    assert capfd.readouterr().err.count("broken.mcap: not a complete") == 1  # said once
+    assert r.node.exit_status is None
 
 
 def test_without_a_bag_the_service_says_what_is_missing(robot):
     response = robot().call("fit")
     assert not response.success
     assert "clip/image" in response.message
+
+
+def test_a_bag_can_be_given_to_a_running_node(robot, half_sample):
+    r = robot()
+    r.listen("~/progress")
+    assert not r.call("fit").success
+    refused = r.node.set_parameters_atomically([Parameter("bag", value="/nowhere.mcap")])
+    assert "parameter bag: /nowhere.mcap: there is no such file" in refused.reason
+    refused = r.node.set_parameters_atomically([Parameter("out", value="/proc/nowhere")])
+    assert refused.reason.startswith("parameter out: output folder /proc/nowhere: ")
+    assert "--out" not in refused.reason
+    changes = [Parameter("bag", value=str(half_sample / "clip.mcap")), Parameter("config", value=str(half_sample / "given.yaml"))]
+    assert r.node.set_parameters_atomically(changes).reason.startswith("bag, config, scene.at_rest, ")
+    assert r.call("fit").success
+    r.until(lambda: "segment" in r.stages())
+    assert r.node.waiting_for() == ""
+    r.call("cancel")
+    r.until(lambda: not r.node.worker.busy)
+    assert r.node.set_parameters_atomically([Parameter("bag", value="")]).successful
+    assert "clip/image" in r.call("fit").message
+
+
+def test_where_it_is_asked_for_the_process_ends_with_the_result_or_the_failure(robot, made_recovery, made_clip):
+    r = robot(exit_when_done="true")
+    r.listen("~/quality")
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    assert r.node.exit_status is None
+    r.node.on_done([])
+    assert r.node.exit_status == 0
+    r.node.state = "failed"
+    r.node.on_failed("the clip is broken")
+    assert r.node.exit_status == 1
+
+
+def test_nothing_is_played_while_nobody_subscribes(robot, made_recovery, made_clip):
+    r = robot(playback__rate=4.0)
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    sent, send = [], r.node.send
+    r.node.send = lambda name, message: (sent.append(name), send(name, message))
+    end = time.monotonic() + 0.5
+    r.until(lambda: time.monotonic() > end)
+    assert (r.node.playback.frame, set(sent) - {"/diagnostics"}) == (0, set())
+    r.listen("~/net_force")
+    r.until(lambda: len(r.heard["~/net_force"]) > 3)
+    assert r.node.health()["playing"]
+    assert set(sent) - {"/diagnostics"} == {"~/net_force"}  # and nothing else is made
+    for subscription in list(r.me.subscriptions):
+        r.me.destroy_subscription(subscription)
+    r.until(lambda: not r.node.health()["playing"])
+
+
+def test_what_is_set_of_playback_and_publishing_holds_for_the_result_that_is_there(robot, made_recovery, made_clip):
+    r = robot(playback__rate=0.01)
+    for name in ("~/net_force", "~/force_field"):
+        r.listen(name)
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    r.until(lambda: r.heard["~/force_field"])
+    few = 12
+    assert r.node.set_parameters_atomically([Parameter("publish.max_points", value=few)]).successful
+    r.until(lambda: len(r.heard["~/force_field"]) == 2)
+    assert [message.width for message in r.heard["~/force_field"]] == [len(made_recovery.points), few]
+    assert r.node.set_parameters_atomically([Parameter("playback.rate", value=4.0)]).successful
+    r.until(lambda: len(r.heard["~/net_force"]) > 3)  # at 0.01 it would take longer than the test
+
+
+def test_where_fields_are_published_is_said_once_with_resolved_topics(robot, made_recovery, made_clip, capfd):
+    r = robot()
+    r.node.run = "0123abcd"
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    r.node.on_done([])
+    said = capfd.readouterr().err
+    assert said.count("run 0123abcd: fields published on /fit_node/material_field, /fit_node/force_field, /fit_node/quality") == 1
 
 
 def stamp_of(message) -> int:
