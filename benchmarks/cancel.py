@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """How fast fit_node answers ~/cancel, and how fast the fit has ended: cancels at random moments of fits of the bundled sample.
 
-`benchmarks/cancel.py [--count 40] [--longest 40] [--cold]`: a row a stage. `--longest` is the latest moment after ~/fit [s]; with `--cold` Warp
-compiles its kernels anew in every fit.
+`benchmarks/cancel.py [--count 40] [--earliest 0.05] [--longest 40] [--cold]`: a row a stage. `--earliest` and `--longest` bound the moment after
+~/fit [s]; with `--cold` Warp compiles its kernels anew in every fit.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ def main() -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(description="Measures ~/cancel.")
     parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--earliest", type=float, default=0.05)
     parser.add_argument("--longest", type=float, default=40.0)
     parser.add_argument("--cold", action="store_true")
     parser.add_argument("--domain", type=int, default=77)
@@ -83,7 +84,7 @@ def measure(options: argparse.Namespace, cache: str) -> None:
     call("cancel")
     until(lambda: heard[-1] == "cancelled")
     answered, ended = defaultdict(list), defaultdict(list)
-    for when in np.random.default_rng(0).permutation(np.linspace(0.05, options.longest, options.count)):
+    for when in np.random.default_rng(0).permutation(np.linspace(options.earliest, options.longest, options.count)):
         if options.cold:
             shutil.rmtree(cache, ignore_errors=True)
         call("reset")
@@ -100,7 +101,7 @@ def measure(options: argparse.Namespace, cache: str) -> None:
         answered[stage].append(took)
         ended[stage].append(took + until(lambda: heard[-1] == "cancelled"))
     rows = {stage: (answered[stage], ended[stage]) for stage in answered}
-    rows["all"] = tuple(sum(values.values(), []) for values in (answered, ended))
+    rows["all"] = tuple([each for some in values.values() for each in some] for values in (answered, ended))
     print("| stage | cancels | answer: median, largest [s] | ended: median, largest [s] |\n| --- | --- | --- | --- |")
     for stage, (a, e) in rows.items():
         print(f"| {stage} | {len(a)} | {np.median(a):.3f}, {max(a):.3f} | {np.median(e):.2f}, {max(e):.2f} |")

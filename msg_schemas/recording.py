@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from ..config import Settings
 from ..types import Clip, Recovery
@@ -25,7 +25,7 @@ def results(found: Answer) -> Iterator[Message]:
         yield _message(found, name, 0, getattr(found, name[2:])())
 
 
-def played(found: Answer, frame: int, names: Iterable[str] = PLAYED) -> Iterator[Message]:
+def played(found: Answer, frame: int, names: tuple[str, ...] = PLAYED) -> Iterator[Message]:
     """The messages of one frame, of these topics; ~/rendered only where something was rendered."""
     for name in names:
         fields = getattr(found, name[2:])(frame)

@@ -31,7 +31,7 @@ class Playback:
 
     def look(self) -> None:
         """Go on, or stand still, as there are subscribers."""
-        heard = not self._ended and any(map(self._node.listeners, PLAYED))
+        heard = not self._ended and any(map(self._node.heard, PLAYED))
         if heard and self._timer is None:
             self._timer = self._node.create_timer(self._period_s, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME))
         elif not heard:
@@ -45,7 +45,7 @@ class Playback:
 
     def _next(self) -> None:
         last = self.frame == len(self.answer) - 1
-        wanted = [name for name in PLAYED if self._node.listeners(name) or (last and not self._loop)]  # what comes later still gets the last frame
+        wanted = tuple(name for name in PLAYED if self._node.heard(name) or (last and not self._loop))  # what comes later still gets the last frame
         for message in played(self.answer, self.frame, wanted):
             self._node.send(relative(message.topic), message.fields)
         self.frame = 0 if last else self.frame + 1

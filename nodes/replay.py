@@ -18,6 +18,7 @@ from diffphys_ros.bags.topics import COMPRESSED, choose_topics
 from diffphys_ros.config import Topics
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE, TRANSFORM
+from diffphys_ros.nodes import middleware
 from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop
 
 
@@ -51,6 +52,7 @@ def main() -> int:
     parser.add_argument("--mask", metavar="TOPIC", help="of label images")
     options, _ = parser.parse_known_args()
     stop = Stop()
+    middleware.prepare()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 

@@ -33,6 +33,7 @@ POLL_S = 0.05
 DIAGNOSTICS_S = 1.0
 SILENCE_WARNING_S = 1.0  # looked at once a second: said within two
 SAID_AGAIN_S = 10.0  # a word that still holds
+KEPT_MIB = 32.0  # by which a node may grow with a job before it gives memory back
 JOIN_S = 2.0  # how long a closing node waits for its worker
 HEALTH, CLOCK = "/diagnostics", "/clock"
 _NAME = re.compile(r"[~\w][\w/]*")
@@ -63,7 +64,7 @@ class StageNode(ManagedNode):
         self.last_input: float | None = None
         self._publishes, self._outputs = publishes, dict[str, Publisher]()
         self._said: dict[object, float] = {}
-        self._peak_mib = 0.0
+        self._peak_mib, self._lean_mib = 0.0, resident_mib()
         self.advertise(HEALTH)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(POLL_S, self._poll, clock=steady)
@@ -141,9 +142,9 @@ class StageNode(ManagedNode):
         for name in names:
             self._outputs[name].wait_for_all_acked(within)
 
-    def listeners(self, name: str) -> int:
-        """How many subscribe to a topic that the node gives."""
-        return self._outputs[name].get_subscription_count() if name in self._outputs else 0
+    def heard(self, name: str) -> bool:
+        """Whether anybody subscribes to a topic of the table."""
+        return name in self._outputs and bool(self._outputs[name].get_subscription_count())
 
     def now_ns(self) -> int:
         """The node's clock [ns]."""
@@ -215,7 +216,9 @@ class StageNode(ManagedNode):
             self.on_failed(self._reason(event))
         self.on_idle()
         del event
-        give_back()
+        if resident_mib() > self._lean_mib + KEPT_MIB:
+            give_back()
+        self._lean_mib = resident_mib()
 
     def _reason(self, event: Event) -> str:
         if event.kind == CANCELLED:

@@ -156,8 +156,8 @@ def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_cli
 
 
 def test_progress_has_the_documented_keys():
-    status = fields.progress(0, stage="fit", iteration=3, iterations=10, loss=0.5)["status"][0]
-    assert messages.values_of(status) == {"stage": "fit", "iteration": "3", "iterations": "10", "loss": "0.5", "seconds_left": ""}
+    status = fields.progress(0, stage="fit", iteration=3, iterations=10, loss=0.5, run="3f9a2c1e")["status"][0]
+    assert messages.values_of(status) == {"run": "3f9a2c1e", "stage": "fit", "iteration": "3", "iterations": "10", "loss": "0.5", "seconds_left": ""}
 
 
 def test_a_recording_begins_with_the_latched_results_and_goes_on_in_time(made_recovery, made_clip):

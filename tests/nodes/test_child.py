@@ -20,8 +20,7 @@ from .processes import PATIENCE_S, ROOT
 
 def counts(until: int):
     """In the other process."""
-    for k in range(until):
-        yield k
+    yield from range(until)
     return "end"
 
 

@@ -95,7 +95,7 @@ def five(tmp_path_factory, half_sample, given):
     with Domain(folder) as domain:
         domain.start("camera", "-m", "diffphys_ros.nodes.replay", str(half_sample / "clip.mcap"))
         domain.node("ingest_node", reliability="reliable", silence_s=6.0, **given)
-        domain.node("fit_node", out=folder / "out", **given)
+        domain.node("fit_node", out=folder / "out", exit_when_done="true", **given)
         domain.node("splat_node", **given)
         domain.node("segment_node", **given)
         if WITH_RERUN:
@@ -103,6 +103,7 @@ def five(tmp_path_factory, half_sample, given):
         domain.await_words("fit_node", "done: results in", FIT_S)
         for topic in ANSWER if WITH_RERUN else ():
             domain.await_words("inspect_node", f"showing {topic}")
+        assert domain.ended("fit_node") == 0  # by itself
         assert domain.end_all() == dict.fromkeys(domain.running, 0)
         yield domain
 
