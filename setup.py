@@ -20,12 +20,12 @@ setup(
     maintainer="diffphys_ros maintainers",
     maintainer_email="maintainers@diffphys-ros.org",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.bags": ["sample/*", "sample_strip/*"], f"{NAME}.prior": ["*.yaml"]},
+    package_data={f"{NAME}.nodes": ["*.xml"], f"{NAME}.bags": ["sample/*", "sample_strip/*"], f"{NAME}.prior": ["*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.py"))),
-        (f"share/{NAME}/config", sorted(glob("config/*"))),
+        (f"share/{NAME}/config", sorted([*glob("config/*"), "nodes/fastdds.xml"])),
         # `ros2 run` looks here; pip puts console scripts into bin only, colcon overwrites these with its own
         (f"lib/{NAME}", [f"resource/bin/{node}" for node in NODES]),
     ],

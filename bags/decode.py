@@ -50,12 +50,12 @@ def check_image(encoding: str, height: int, width: int, step: int, size: int) ->
     if is_depth(encoding) is None:
         raise InputError(f"image encoding {short(encoding)} is unknown; convert to one of {', '.join([*CHANNELS, *DEPTH])}")
     if height <= 0 or width <= 0:
-        raise InputError(f"an image has {width}x{height} px, must have some; record it again")
+        raise InputError(f"an image has {width}x{height} px, must have some; leave empty images out")
     if height * width > MAX_PIXELS:
-        raise InputError(f"an image has {width}x{height} px, at most {MAX_PIXELS} pixels are read; record it smaller")
+        raise InputError(f"an image has {width}x{height} px, at most {MAX_PIXELS} pixels are read; make it smaller")
     used = row_bytes(encoding, width)
     if 0 < step < used or size < (step or used) * (height - 1) + used:
-        raise InputError(f"an image holds {size} bytes, its {height} rows of {used} bytes (step {step}) need more; record it again")
+        raise InputError(f"an image holds {size} bytes, its {height} rows of {used} bytes (step {step}) need more; have its sender fill in step and data")
 
 
 def row_bytes(encoding: str, width: int) -> int:
@@ -76,7 +76,7 @@ def decode_compressed(format: str, data: bytes | np.ndarray) -> np.ndarray:
     if picture.dtype == np.uint16 and picture.ndim == 2:
         return metres(picture)
     if picture.dtype != np.uint8:
-        raise InputError(f"compressed image with format {short(format)} holds {picture.dtype} colour; 8 bits a channel are needed, record it so")
+        raise InputError(f"compressed image with format {short(format)} holds {picture.dtype} colour; 8 bits a channel are needed, encode it so")
     if picture.ndim == 2:
         return np.repeat(picture[..., None], 3, 2)
     # OpenCV decodes into BGR(A) whatever the encoding before compression was
@@ -91,7 +91,7 @@ def declared_size(format: str, data: bytes | np.ndarray) -> tuple[int, int]:
         raise InputError(_no_picture(format))
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(
-            f"compressed image with format {short(format)} has {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record it smaller"
+            f"compressed image with format {short(format)} has {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; make it smaller"
         )
     return size
 
@@ -116,7 +116,7 @@ def _picture(format: str, raw: bytes) -> np.ndarray:
 
 
 def _no_picture(format: str) -> str:
-    return f"compressed image with format {short(format)} cannot be decoded; png and jpeg can, record it so"
+    return f"compressed image with format {short(format)} cannot be decoded; png and jpeg can, encode it so"
 
 
 def _png_size(raw: bytes) -> tuple[int, int] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -148,7 +148,7 @@ class Answer:
         """DiagnosticArray, one status per part and one of the force; the assumptions of the recovery are the message."""
         r = self.recovery
         parts = [self._part_quality(number) for number in range(1, len(r.identified) + 1)]
-        return diagnostics(self.start_ns, [*parts, self._force_quality()])
+        return diagnostics(self.start_ns, [*parts, self._force_quality()], self.world)
 
     def _force_quality(self) -> dict[str, Any]:
         r = self.recovery
@@ -158,7 +158,7 @@ class Answer:
             "peak_net_force": float(np.linalg.norm(r.net_force(), axis=1).max()),
             "density_source": r.metrics.get("density_source", "unknown"),
         }
-        return status(f"{own_name(self.node)}: force", values, level=OK if r.force_identified else WARN, message=" ".join(r.notes))
+        return self._quality("force", values, good=r.force_identified)
 
     def _part_quality(self, number: int) -> dict[str, Any]:
         r = self.recovery
@@ -171,7 +171,12 @@ class Answer:
             "density_source": r.metrics.get("density_source", "unknown"),
             "metric_scale_source": r.metrics.get("metric_scale_source", "unknown"),
         }
-        return status(f"{own_name(self.node)}: part {number}", values, level=OK if known else WARN, message=" ".join(r.notes))
+        return self._quality(f"part {number}", values, good=known)
+
+    def _quality(self, what: str, values: dict[str, Any], *, good: bool) -> dict[str, Any]:
+        run = {"run": self.recovery.metrics["run"]} if "run" in self.recovery.metrics else {}
+        words = " ".join(self.recovery.notes)
+        return status(f"{own_name(self.node)}: {what}", values | run, level=OK if good else WARN, message=words, hardware_id=self.camera.frame_id)
 
 
 def answer(recovery: Recovery, clip: Clip, settings: Settings, *, node: str = FIT_NODE) -> Answer:
@@ -188,6 +193,11 @@ def answer(recovery: Recovery, clip: Clip, settings: Settings, *, node: str = FI
         settings.publish.max_markers,
         node,
     )
+
+
+def limited(found: Answer, settings: Settings) -> Answer:
+    """The same answer within the limits of other settings.publish."""
+    return replace(found, thinned=thin(found.recovery, settings.publish.max_points), max_markers=settings.publish.max_markers)
 
 
 def moment_reference(points: np.ndarray, clamp_box_m: Sequence[float] | None) -> tuple[np.ndarray, str]:
@@ -216,10 +226,11 @@ def progress(
     seconds_left: float | None = None,
     text: str = "",
     level: int = OK,
+    run: str = "",
     node: str = FIT_NODE,
 ) -> dict[str, Any]:
-    """DiagnosticArray with the news of a fit; `text` is one line for people."""
-    values = {"stage": stage, "iteration": iteration, "iterations": iterations, "loss": loss, "seconds_left": seconds_left}
+    """DiagnosticArray with the news of a fit; `text` is one line for people, `run` names the fit."""
+    values = {"run": run, "stage": stage, "iteration": iteration, "iterations": iterations, "loss": loss, "seconds_left": seconds_left}
     return diagnostics(now_ns, [status(f"{own_name(node)}: progress", values, level=level, message=text)])
 
 
@@ -237,9 +248,10 @@ def force_so_far(force: ForceSoFar) -> dict[str, Any]:
     return clouds.pack(header(force.start_ns, force.frame_id), clouds.FORCE, columns, density.shape[:2])
 
 
-def failed_quality(now_ns: int, reason: str, *, node: str = FIT_NODE) -> dict[str, Any]:
-    """DiagnosticArray that says in one sentence why there is no recovery."""
-    return diagnostics(now_ns, [status(f"{own_name(node)}: recovery", {"identified": False, "reason": reason}, level=ERROR, message=reason)])
+def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "", node: str = FIT_NODE) -> dict[str, Any]:
+    """DiagnosticArray that says in one sentence why there is no recovery of what `camera` (its frame, where it is known) saw."""
+    values = {"identified": False, "reason": reason, "run": run}
+    return diagnostics(now_ns, [status(f"{own_name(node)}: recovery", values, level=ERROR, message=reason, hardware_id=camera)], camera)
 
 
 def _xyz(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:

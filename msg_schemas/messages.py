@@ -109,9 +109,9 @@ def quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
     return float(sign * w), float(sign * x), float(sign * y), float(sign * z)
 
 
-def diagnostics(nanoseconds: int, statuses: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+def diagnostics(nanoseconds: int, statuses: Iterable[Mapping[str, Any]], frame_id: str = "") -> dict[str, Any]:
     """diagnostic_msgs/DiagnosticArray."""
-    return {"header": header(nanoseconds), "status": list(statuses)}
+    return {"header": header(nanoseconds, frame_id), "status": list(statuses)}
 
 
 def status(name: str, values: Mapping[str, Any], *, level: int = OK, message: str = "", hardware_id: str = "") -> dict[str, Any]:

@@ -24,13 +24,25 @@ CLIP = (INFO, "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth",
 class ClipStage(StageNode):
     """Buffers a clip; starts `job` when nothing is missing. Another clip begins with its camera_info; ~/reset forgets everything."""
 
-    def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool, listens: bool = True) -> None:
-        super().__init__(name, (MAX_MIB, *own), publishes)
-        self.buffer = ClipBuffer(max_bytes(self.parameters))
+    def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool) -> None:
         self.masks, self.complete, self.pending, self.listens = masks, False, False, False
-        if listens:
-            self.listen()
+        self.buffer = ClipBuffer()
+        super().__init__(name, (MAX_MIB, *own), publishes)
+
+    def configure(self) -> None:
+        self.buffer = ClipBuffer(max_bytes(self.parameters))
         self.create_service(Trigger, "~/reset", self._reset)
+
+    def activate(self) -> None:
+        self.listen()
+
+    def on_deactivated(self) -> None:
+        super().on_deactivated()
+        self.listens = False
+
+    def on_cleaned(self) -> None:
+        super().on_cleaned()
+        self.forget()
 
     def listen(self) -> None:
         """Subscribe to the clip."""
@@ -87,9 +99,6 @@ class ClipStage(StageNode):
 
     def waiting_for(self) -> str:
         return self.buffer.missing(masks=self.masks) if self.listens and not self.complete else ""
-
-    def on_failed(self, reason: str) -> None:
-        self.get_logger().error(reason)
 
     def _reset(self, request: Any, response: Any) -> Any:
         self.worker.cancel()

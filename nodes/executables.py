@@ -11,6 +11,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, NoReturn
 
+from . import middleware
+
 BAD_INPUT = 2
 CLEAN_UP_S = 8.0  # launch sends SIGTERM after 5 s and SIGKILL after 10
 SPIN_S = 0.1  # longest wait between two looks at the signal
@@ -47,13 +49,12 @@ def leave(status: int) -> NoReturn:
 
 
 def run(module: str, name: str) -> NoReturn:
-    """Imports the node class `name` late, spins it until a signal comes and ends the process.
+    """Imports the node class `name` late, spins it until a signal comes or the node has a status to end with, and ends the process.
 
     Status 0 after a signal, 2 for bad input (one sentence on stderr), 1 for an error of the program.
     """
     stop, status = Stop(), 0
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # nodes share a machine: idle solver threads must not spin
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tensors are small: threads cost more than they give
+    middleware.prepare()
     import rclpy
 
     from diffphys_ros.errors import InputError
@@ -63,6 +64,7 @@ def run(module: str, name: str) -> NoReturn:
         _init(rclpy)
         node = getattr(importlib.import_module(module), name)()
         _spin(node, stop)
+        status = 0 if stop.wanted or node.exit_status is None else node.exit_status
     except InputError as error:
         status = BAD_INPUT
         print(f"{module.rsplit('.', 1)[-1]}: {error}", file=sys.stderr)
@@ -98,7 +100,7 @@ def _spin(node: Any, stop: Stop) -> None:
     for each in getattr(node, "nodes", (node,)):
         executor.add_node(each)
     stop.spinning = True
-    while not stop.wanted:
+    while not stop.wanted and node.exit_status is None:
         executor.spin_once(timeout_sec=SPIN_S)
 
 

@@ -23,45 +23,59 @@ from .clip_stage import CLIP
 from .clip_topics import clip_messages, slot_stamps
 from .convert import message_class, stamp_ns
 from .intake import Intake, clip_of
-from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
+from .limits import MAX_FRAMES, MAX_MIB, max_bytes
 from .parameters import Own, existing
 from .player import Part, Player, inputs, static_links
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
 from .worker import Job
 
-BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder")
-OWN = (
-    BAG,
-    Own("rate", 0.0, "speed relative to the recording at which the topics of `bag` are played, with /clock, and heard; 0: its clip is read at once"),
-    Own("loop", False, "play `bag` again and again; every pass ends a clip"),
-    Own("start", 0.0, "of `bag`, left out at the beginning [s]"),
-    Own("duration", 0.0, "of `bag`, taken at most [s]; 0: to its end"),
-    Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
-    Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
-    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
-    MAX_MIB,
-)
+BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder", check=existing)
 MAX_SILENCE_S = 3600.0
 MAX_RATE, MAX_PART_S = 100.0, 1e6  # of what is played
+OWN = (
+    BAG,
+    Own("rate", 0.0, "speed relative to the recording at which the topics of `bag` are played, with /clock, and heard; 0: its clip is read at once", low=0.0, high=MAX_RATE),
+    Own("loop", False, "play `bag` again and again; every pass ends a clip"),
+    Own("start", 0.0, "of `bag`, left out at the beginning [s]", low=0.0, high=MAX_PART_S),
+    Own("duration", 0.0, "of `bag`, taken at most [s]; 0: to its end", low=0.0, high=MAX_PART_S),
+    Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
+    Own("silence_s", 2.0, "the clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
+    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory", low=2, high=MAX_FRAMES),
+    MAX_MIB,
+)
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
 class IngestNode(StageNode):
     """Collects raw images until they stop, or ~/end is called, and publishes one clip; ~/reset begins another."""
 
+    sparse = ("mask",)
+
     def __init__(self) -> None:
+        self.intake = Intake(MAX_FRAMES, 0)
+        self.clear()
         super().__init__("ingest_node", OWN, CLIP)
-        self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
-        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters))
+
+    def configure(self) -> None:
+        self.silence_s = self.parameters["silence_s"]
+        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters))
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.player: Player | None = None
-        if existing(self.parameters["bag"]):
-            self._read_or_play()
-        else:
+
+    def activate(self) -> None:
+        if not self.parameters["bag"]:
             self._subscribe()
+        elif self.state != "done":
+            self._read_or_play()
+
+    def on_deactivated(self) -> None:
+        super().on_deactivated()
+        if self.player is not None:
+            self.player.stop()
+            self.player = None
 
     def clear(self) -> None:
         """Begin to collect."""
@@ -94,7 +108,7 @@ class IngestNode(StageNode):
         self.get_logger().info(f"published a clip of {len(clip)} frames, {clip.period_s * 1e3:.1f} ms apart")
 
     def on_failed(self, reason: str) -> None:
-        self.get_logger().error(reason)
+        super().on_failed(reason)
         if not self.parameters["bag"]:
             self.clear()  # what comes next may make a clip
 
@@ -151,7 +165,7 @@ class IngestNode(StageNode):
 
     def _read_or_play(self) -> None:
         """Read the clip of the bag, or play it and hear what is played as if a camera sent it."""
-        part = Part(bounded(self.parameters, "rate", 0.0, MAX_RATE), bool(self.parameters["loop"]), *(bounded(self.parameters, n, 0.0, MAX_PART_S) for n in ("start", "duration")))
+        part = Part(*(self.parameters[name] for name in ("rate", "loop", "start", "duration")))
         if not part.rate:
             self.start(self._read_job(part))
             return

@@ -14,7 +14,7 @@ from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 
 from .clip_checks import camera_of, check, colour_of, labels_of
 from .convert import message_class, stamp_ns
-from .limits import MAX_FRAMES, bounded
+from .limits import MAX_FRAMES
 from .parameters import Own
 from .qos import profile
 from .splat_topic import splats_of
@@ -23,14 +23,14 @@ from .stage import StageNode
 if TYPE_CHECKING:
     from diffphys_ros.report.rerun_log import Stream, Web
 
+MAX_PORT = 65534
 OWN = (
     Own("file", "diffphys.rrd", "rerun recording to write; its folder must exist. Earlier ones are kept: a start, or another clip, that finds one adds _2, _3, ... to its name"),
     Own("viewer", "", "rerun viewer to stream to instead: a grpc URL, 'spawn' for a new one, or 'web' to serve one for web browsers"),
-    Own("web_port", 9090, "of the viewer for web browsers; its data come from the next port"),
+    Own("web_port", 9090, "of the viewer for web browsers; its data come from the next port", low=1, high=MAX_PORT),
     Own("fit_node", "fit_node", "name of the fit node to look at"),
 )
 INFO = "clip/camera_info"  # opens a clip
-MAX_PORT = 65534
 MAX_LOG10_PA = 30.0  # of a modulus that is shown
 MAX_S = 1e6  # of a frame after the first one
 
@@ -39,11 +39,19 @@ class InspectNode(StageNode):
     """Logs clip, masks, splats and the results of a fit node."""
 
     def __init__(self) -> None:
-        super().__init__("inspect_node", OWN)
-        self.web = self._web()
-        self.stream = self._opened()
+        self.log = rerun_log()  # imported before any transition, which must not take seconds
+        self.stream: Stream | None = None
+        self.web: Web | None = None
         self.camera_from: dict[str, Any] = {}  # the latest camera_info and camera_pose, by topic
         self._forget()
+        super().__init__("inspect_node", OWN)
+
+    def configure(self) -> None:
+        self.web = self._web()
+        self.stream = self._opened()
+        self._forget()
+
+    def activate(self) -> None:
         for name, show in self._views().items():
             topic = TOPICS[name]
             absolute = name.replace("~", self.parameters["fit_node"], 1)
@@ -51,9 +59,14 @@ class InspectNode(StageNode):
 
     def close(self) -> None:
         super().close()
-        self.stream.close()
-        if self.web is not None:
-            self.web.close()
+        self.on_cleaned()
+
+    def on_cleaned(self) -> None:
+        super().on_cleaned()
+        for each in (self.stream, self.web):
+            if each is not None:
+                each.close()
+        self.stream = self.web = None
 
     def _forget(self) -> None:
         """Nothing of a clip has been shown yet."""
@@ -66,12 +79,12 @@ class InspectNode(StageNode):
     def _web(self) -> Web | None:
         if self.parameters["viewer"] != "web":
             return None
-        web = rerun_log().Web(int(bounded(self.parameters, "web_port", 1, MAX_PORT)))
+        web = self.log.Web(int(self.parameters["web_port"]))
         self.get_logger().info(f"open {web.url}")
         return web
 
     def _opened(self) -> Stream:
-        viewer, streams = self.parameters["viewer"], rerun_log()
+        viewer, streams = self.parameters["viewer"], self.log
         if viewer:
             return streams.Stream(viewer=viewer if self.web is None else self.web.uri)
         file = unused(Path(self.parameters["file"]))

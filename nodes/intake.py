@@ -95,7 +95,7 @@ class Intake:
         if size in self.infos and _calibration(self.infos[size]) == _calibration(message):
             return
         if size[0] * size[1] > MAX_PIXELS:
-            raise InputError(f"topic camera_info: is for {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record smaller images")
+            raise InputError(f"topic camera_info: is for {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; have the driver send smaller images")
         if not (message.k[0] == 0 and fov_known()):
             try:
                 camera_from_info(message.k, message.d, *size, message.header.frame_id)

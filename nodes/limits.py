@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from diffphys_ros.errors import InputError
-
 from .parameters import Own, Parameters
 
-MAX_MIB = Own("max_mib", 2048, "most of a clip that is kept, in the form in which nodes hand it on [MiB]; 873 frames of 640x480 px with depth and mask")
+MIB = 2**20
+MAX_MIB = Own(
+    "max_mib", 2048, "most of a clip that is kept, in the form in which nodes hand it on [MiB]; 873 frames of 640x480 px with depth and mask", low=1, high=MIB
+)
 MAX_FRAMES = 10_000  # of a clip, whatever their size: five minutes at 30 Hz
 PIXEL_BYTES = 3 + 4 + 1  # of colour, depth and mask on clip/*
-MIB = 2**20
-
-
-def bounded(parameters: Parameters, name: str, low: float, high: float) -> float:
-    """One of a node's own parameters; raises InputError where it is out of range."""
-    value = parameters[name]
-    if not low <= value <= high:
-        raise InputError(f"parameter {name} is {value:g}, must be in {low:g} .. {high:g}; choose a value in this range")
-    return value
 
 
 def max_bytes(parameters: Parameters) -> int:
     """The parameter max_mib in bytes."""
-    return int(bounded(parameters, MAX_MIB.name, 1, MIB)) * MIB
+    return int(parameters[MAX_MIB.name]) * MIB

@@ -16,6 +16,7 @@ import numpy as np
 
 from diffphys_ros.errors import short
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
+from diffphys_ros.nodes import middleware
 
 WANTED = ("~/material_field", "~/force_field", "~/quality")
 HEARD = (*WANTED, "~/progress", "~/net_force")
@@ -126,6 +127,7 @@ def main() -> int:
     parser.add_argument("--timeout", type=float, default=float("inf"), help="longest wait [s]")
     parser.add_argument("--out", help=".npz for the received net force and moduli")
     options = parser.parse_args()
+    middleware.prepare()
     import rclpy
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 

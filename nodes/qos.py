@@ -1,12 +1,24 @@
-"""QoS profiles of the topic table."""
+"""QoS profiles of the topic table, and what a user may override of them."""
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from typing import Any
 
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from diffphys_ros.errors import InputError, short
 from diffphys_ros.msg_schemas.topics import KEEP_ALL, Topic
 
 RELIABILITY = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
+OVERRIDES = "qos_overrides."  # prefix of the parameters
+POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+_VALUES: dict[str, tuple[str, ...]] = {
+    "history": ("keep_last", "keep_all"),
+    "depth": (),
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("transient_local", "volatile"),
+}
 SENSOR_DEPTH = 10
 TREE_DEPTH = 20  # links of the camera's transform tree
 
@@ -32,3 +44,24 @@ def sensor(reliability: str) -> QoSProfile:
 def latched() -> QoSProfile:
     """Transforms, one message per link, that late subscribers get."""
     return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=TREE_DEPTH)
+
+
+def is_stream(qos: QoSProfile) -> bool:
+    """Whether a profile is one of `sensor`: of a topic that a driver keeps sending on."""
+    return qos.durability != DurabilityPolicy.TRANSIENT_LOCAL and (qos.reliability == ReliabilityPolicy.BEST_EFFORT or qos.history == HistoryPolicy.KEEP_ALL)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Parameters qos_overrides./TOPIC.(publisher|subscription).(history|depth|reliability|durability)."""
+    return QoSOverridingOptions(POLICIES)
+
+
+def check_override(name: str, value: Any) -> None:
+    """Raises InputError for a parameter qos_overrides.* that names no policy, or a value that it does not have."""
+    policy = name.rpartition(".")[2]
+    if policy not in _VALUES:
+        raise InputError(f"parameter {name}: must end with .{', .'.join(_VALUES)}; name one of these policies")
+    known = _VALUES[policy]
+    good = value in known if known else isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    if not good:
+        raise InputError(f"parameter {name} is {short(value)}, must be {' or '.join(known) or 'a whole number'}; leave it out to keep the default")

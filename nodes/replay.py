@@ -15,6 +15,7 @@ from typing import Any
 from diffphys_ros.config import Topics
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas.topics import TRANSFORM
+from diffphys_ros.nodes import middleware
 from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop
 
 
@@ -22,6 +23,7 @@ def main() -> int:
     """Plays until the end, then waits for a signal."""
     options = _options()
     stop = Stop()
+    middleware.prepare()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 

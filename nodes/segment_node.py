@@ -33,7 +33,13 @@ class SegmentNode(ClipStage):
         self.told: dict[str, Any] = {}  # the latest click and mask
         self.wait_for = ""
         super().__init__("segment_node", OWN, publishes=[MASK], masks=False)
+
+    def configure(self) -> None:
+        super().configure()
         self.wait_for = self.parameters["wait_for"]
+
+    def activate(self) -> None:
+        super().activate()
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(PointStamped, CLICK, lambda message: self.tell(CLICK, message), reliable)
         self.create_subscription(Image, FIRST_MASK, lambda message: self.tell(FIRST_MASK, message), reliable)

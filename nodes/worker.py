@@ -12,7 +12,7 @@ Job = Callable[[], Generator[Any, None, Any]]
 
 
 class Event(NamedTuple):
-    """What a job reports: NEWS with what it yields, then DONE with what it returns, FAILED with the error, or CANCELLED."""
+    """What a job reports: NEWS with what it yields that is not None, then DONE with what it returns, FAILED with the error, or CANCELLED."""
 
     kind: str
     value: Any
@@ -63,8 +63,10 @@ class Worker:
     def _iterate(self, steps: Generator[Any, None, Any]) -> Event:
         while not self._cancelled.is_set():
             try:
-                self._outbox.put(Event(NEWS, next(steps)))
+                news = next(steps)
             except StopIteration as stop:
                 return Event(DONE, stop.value)
+            if news is not None:
+                self._outbox.put(Event(NEWS, news))
         steps.close()
         return Event(CANCELLED, None)

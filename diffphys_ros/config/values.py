@@ -28,6 +28,7 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
     _require_evidence(settings.experiment, origin)
     _require_one_prior(settings.prior, origin)
     _require_direction(settings.scene, origin)
+    _require_one_density(settings.scene, origin)
     return settings
 
 
@@ -52,6 +53,12 @@ def _require_one_prior(prior: PriorSettings, origin: str) -> None:
 def _require_direction(scene: Scene, origin: str) -> None:
     if scene.thickness_axis is not None and not any(scene.thickness_axis):
         raise InputError(f"{origin}: scene.thickness_axis is {short(scene.thickness_axis)}, must have a direction; give a world axis such as [0, 1, 0]")
+
+
+def _require_one_density(scene: Scene, origin: str) -> None:
+    """Densities of several parts may stand beside a mass, which scales them; a single one would be ignored."""
+    if scene.mass_kg is not None and scene.density_kg_m3 is not None and len(scene.density_kg_m3) == 1:
+        raise InputError(f"{origin}: scene.mass_kg and scene.density_kg_m3 are both given, one follows from the other; leave one out, or give a density per part")
 
 
 def _nearest(name: str) -> str:

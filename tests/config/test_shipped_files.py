@@ -32,7 +32,7 @@ def test_defaults_yaml_says_what_every_setting_means():
 
 
 def test_the_fast_dds_profile_enlarges_shared_memory_and_udp_buffers():
-    tree = ElementTree.parse(ROOT / "config" / "fastdds.xml").getroot()
+    tree = ElementTree.parse(ROOT / "nodes" / "fastdds.xml").getroot()
     space = {"d": "http://www.eprosima.com"}
     found = {t.findtext("d:transport_id", namespaces=space): t for t in tree.iterfind(".//d:transport_descriptor", space)}
     used = {t.text for t in tree.iterfind(".//d:userTransports/d:transport_id", space)}

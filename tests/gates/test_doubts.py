@@ -10,7 +10,6 @@ import pytest
 
 from diffphys_ros import result
 from diffphys_ros.__main__ import main
-from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.inverse import Prepared
 
 from . import clips

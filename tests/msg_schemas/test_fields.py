@@ -244,8 +244,8 @@ def test_the_force_so_far_times_its_volume_is_the_net_force():
 
 
 def test_progress_has_the_documented_keys():
-    status = fields.progress(0, stage="fit", iteration=3, iterations=10, loss=0.5)["status"][0]
-    assert messages.values_of(status) == {"stage": "fit", "iteration": "3", "iterations": "10", "loss": "0.5", "seconds_left": ""}
+    status = fields.progress(0, stage="fit", iteration=3, iterations=10, loss=0.5, run="3f9a2c1e")["status"][0]
+    assert messages.values_of(status) == {"run": "3f9a2c1e", "stage": "fit", "iteration": "3", "iterations": "10", "loss": "0.5", "seconds_left": ""}
 
 
 @pytest.mark.parametrize("node", ["fit_node", "/robot1/finder"])

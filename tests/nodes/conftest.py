@@ -83,10 +83,15 @@ class Resumed:
     left: list[str]  # names of files in `out` between the two
     iterations: list[str]  # that the second told of
     force_so_far: list[Any]  # messages of both
+    run: str  # name of the second
+    quality: Any  # that it published
+    again: list[tuple[bool, str]]  # what ~/fit answers then: as it is, without the result, with another setting
 
 
 @pytest.fixture(scope="session")
 def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFactory) -> Resumed:
+    from rclpy.parameter import Parameter
+
     from diffphys_ros.nodes.fit_node import FitNode
 
     from .robot import Robot
@@ -99,6 +104,7 @@ def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFac
         robot = Robot(make(FitNode, bag=half_sample / "clip.mcap", config=files, out=out, resume=True))
         robot.listen("~/progress")
         robot.listen("~/force_so_far")
+        robot.listen("~/quality")
         robot.until(lambda: robot.fits(1))
         assert robot.call("cancel").success
         robot.until(lambda: robot.node.state == "cancelled")
@@ -106,5 +112,22 @@ def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFac
         robot.heard["~/progress"].clear()
         assert robot.call("fit").success
         robot.until(lambda: robot.node.state == "done")
+        run, iterations = robot.node.run, robot.iterations()
+        again = [called(robot)]
+        (out / "recovery.npz").rename(out / "elsewhere.npz")
+        again.append(called(robot))
+        (out / "elsewhere.npz").rename(out / "recovery.npz")
+        robot.node.state, robot.node.begun_with = "done", robot.node._given()
+        robot.node.set_parameters_atomically([Parameter("scene.thickness_m", value=0.06)])
+        again.append(called(robot))
         robot.close()
-    return Resumed(out, files, left, robot.iterations(), robot.heard["~/force_so_far"])
+    return Resumed(out, files, left, iterations, robot.heard["~/force_so_far"], run, robot.heard["~/quality"][-1], again)
+
+
+def called(robot: Any) -> tuple[bool, str]:
+    """What ~/fit answers; a fit that it begins is ended."""
+    answer = robot.call("fit")
+    if robot.node.worker.busy:
+        robot.call("cancel")
+        robot.until(lambda: not robot.node.worker.busy)
+    return answer.success, answer.message

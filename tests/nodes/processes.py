@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import diffphys_ros
+from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
 
 from .domains import claimed
 
@@ -24,7 +25,7 @@ def environment(domain: int) -> dict[str, str]:
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_PYTHON_CHECK_FIELDS": "1",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "config" / "fastdds.xml"),
+        VARIABLE: str(PROFILE),
         "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "2",  # equal bits must not hang on a single thread

@@ -54,6 +54,15 @@ def test_bad_input_ends_a_node_with_status_2_and_one_sentence(tmp_path, paramete
         assert "Traceback" not in domain.said("fit_node")
 
 
+def test_a_fit_that_fails_ends_the_process_with_status_1_where_that_is_asked_for(tmp_path):
+    (tmp_path / "clip.mcap").write_bytes(b"no recording")
+    with Domain(tmp_path) as domain:
+        domain.node("fit_node", bag=tmp_path / "clip.mcap", exit_when_done="true")
+        assert domain.ended("fit_node") == 1
+        assert domain.said("fit_node").count("not a complete ROS 2 recording") == 1
+        assert "Traceback" not in domain.said("fit_node")
+
+
 @pytest.mark.skipif(find_spec("rerun") is not None, reason="rerun-sdk is installed")
 def test_without_rerun_the_inspector_says_what_to_install(tmp_path):
     with Domain(tmp_path) as domain:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 
 from diffphys_ros import config, result
 from diffphys_ros.bags.sample import sample_folder
@@ -29,17 +31,27 @@ def robot(make_node):
         each.close()
 
 
-def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample):
+def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample, capfd):
     r = robot(bag=half_sample / "clip.mcap", config=half_sample / "given.yaml")
-    r.listen("~/progress")
+    for name in ("~/progress", "/diagnostics"):
+        r.listen(name)
     r.until(lambda: "segment" in r.stages())
-    assert not r.call("fit").success  # one runs
-    assert r.call("cancel").success
+    running = r.call("fit")  # one runs
+    assert (running.success, running.message) == (False, f"run {r.node.run} is running; call ~/cancel first")
+    first = r.node.run
+    assert r.call("cancel").message == f"run {first} ends"
     r.until(lambda: r.node.state == "cancelled")
     r.until(lambda: "cancelled" in r.stages())
+    assert r.heard["~/progress"][-1].status[0].level == bytes([messages.WARN])
     assert not r.call("cancel").success
-    assert r.call("fit").success
+    said = capfd.readouterr().err
+    assert said.count("cancelled; ~/fit begins again") == 1
+    assert "[ERROR]" not in said
+    (second,) = re.fullmatch(r"run ([0-9a-f]{8}) begun", r.call("fit").message).groups()
+    assert second != first
     r.until(lambda: r.stages().count("segment") == 2)
+    assert {values["run"] for values in r.progress()} == {first, second}
+    r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["run"] == second)
     assert r.call("reset").success
     r.until(lambda: not r.node.worker.busy)
 
@@ -54,6 +66,21 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(resu
     assert not (resumed.out / "checkpoint.npz").exists()
 
 
+def test_result_and_quality_carry_the_run_and_whose_camera_saw_it(resumed):
+    assert json.loads((resumed.out / "metrics.json").read_text())["run"] == resumed.run
+    assert {messages.values_of(status)["run"] for status in resumed.quality.status} == {resumed.run}
+    assert {status.hardware_id for status in resumed.quality.status} == {"camera_color_optical_frame"}
+    assert resumed.quality.header.frame_id == "world"
+
+
+def test_nothing_is_done_twice_and_a_lost_result_or_another_setting_begins_anew(resumed):
+    stands, lost, other = resumed.again
+    assert stands == (True, f"run {resumed.run} stands: nothing has changed since; ~/reset forgets it")
+    for success, words in (lost, other):
+        assert success
+        assert re.fullmatch(r"run [0-9a-f]{8} begun", words)
+
+
 def test_the_last_force_so_far_is_that_of_the_answer(resumed):
     metrics = json.loads((resumed.out / "metrics.json").read_text())
     rows = clouds.particles(resumed.force_so_far[-1 if metrics["refined"] else 0], clouds.FORCE)  # the start is the answer where none is nearer
@@ -61,7 +88,7 @@ def test_the_last_force_so_far_is_that_of_the_answer(resumed):
     np.testing.assert_allclose(so_far, answer.net_force(), atol=0.02 * np.abs(so_far).max())
 
 
-def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
+def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path, capfd):
     (tmp_path / "broken.mcap").write_bytes((sample_folder() / "clip.mcap").read_bytes()[:20_000])
     r = robot(bag=tmp_path / "broken.mcap")
     for name in ("~/quality", "~/progress", "/diagnostics"):
@@ -71,12 +98,86 @@ def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_o
     assert status.level == bytes([messages.ERROR])
     assert "broken.mcap" in messages.values_of(status)["reason"]
     r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["state"] == "failed")
+    assert capfd.readouterr().err.count("broken.mcap: not a complete") == 1  # said once
+    assert r.node.exit_status is None
 
 
 def test_without_a_bag_the_service_says_what_is_missing(robot):
     response = robot().call("fit")
     assert not response.success
     assert "clip/image" in response.message
+
+
+def test_a_bag_can_be_given_to_a_running_node(robot, half_sample):
+    r = robot()
+    r.listen("~/progress")
+    assert not r.call("fit").success
+    refused = r.node.set_parameters_atomically([Parameter("bag", value="/nowhere.mcap")])
+    assert "parameter bag: /nowhere.mcap: there is no such file" in refused.reason
+    refused = r.node.set_parameters_atomically([Parameter("out", value="/proc/nowhere")])
+    assert refused.reason.startswith("parameter out: output folder /proc/nowhere: ")
+    assert "--out" not in refused.reason
+    changes = [Parameter("bag", value=str(half_sample / "clip.mcap")), Parameter("config", value=str(half_sample / "given.yaml"))]
+    assert r.node.set_parameters_atomically(changes).reason.startswith("bag, config, scene.at_rest, ")
+    assert r.call("fit").success
+    r.until(lambda: "segment" in r.stages())
+    assert r.node.waiting_for() == ""
+    r.call("cancel")
+    r.until(lambda: not r.node.worker.busy)
+    assert r.node.set_parameters_atomically([Parameter("bag", value="")]).successful
+    assert "clip/image" in r.call("fit").message
+
+
+def test_where_it_is_asked_for_the_process_ends_with_the_result_or_the_failure(robot, made_recovery, made_clip):
+    r = robot(exit_when_done="true")
+    r.listen("~/quality")
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    assert r.node.exit_status is None
+    r.node.on_done([])
+    assert r.node.exit_status == 0
+    r.node.state = "failed"
+    r.node.on_failed("the clip is broken")
+    assert r.node.exit_status == 1
+
+
+def test_nothing_is_played_while_nobody_subscribes(robot, made_recovery, made_clip):
+    r = robot(playback__rate=4.0)
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    sent, send = [], r.node.send
+    r.node.send = lambda name, message: (sent.append(name), send(name, message))
+    end = time.monotonic() + 0.5
+    r.until(lambda: time.monotonic() > end)
+    assert (r.node.playback.frame, set(sent) - {"/diagnostics"}) == (0, set())
+    r.listen("~/net_force")
+    r.until(lambda: len(r.heard["~/net_force"]) > 3)
+    assert r.node.health()["playing"]
+    assert set(sent) - {"/diagnostics"} == {"~/net_force"}  # and nothing else is made
+    for subscription in list(r.me.subscriptions):
+        r.me.destroy_subscription(subscription)
+    r.until(lambda: not r.node.health()["playing"])
+
+
+def test_what_is_set_of_playback_and_publishing_holds_for_the_result_that_is_there(robot, made_recovery, made_clip):
+    r = robot(playback__rate=0.01)
+    for name in ("~/net_force", "~/force_field"):
+        r.listen(name)
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    r.until(lambda: r.heard["~/force_field"])
+    few = 12
+    assert r.node.set_parameters_atomically([Parameter("publish.max_points", value=few)]).successful
+    r.until(lambda: len(r.heard["~/force_field"]) == 2)
+    assert [message.width for message in r.heard["~/force_field"]] == [len(made_recovery.points), few]
+    assert r.node.set_parameters_atomically([Parameter("playback.rate", value=4.0)]).successful
+    r.until(lambda: len(r.heard["~/net_force"]) > 3)  # at 0.01 it would take longer than the test
+
+
+def test_where_fields_are_published_is_said_once_with_resolved_topics(robot, made_recovery, made_clip, capfd):
+    r = robot()
+    r.node.run = "0123abcd"
+    r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
+    r.node.on_done([])
+    said = capfd.readouterr().err
+    assert said.count("run 0123abcd: fields published on /fit_node/material_field, /fit_node/force_field, /fit_node/quality") == 1
 
 
 def stamp_of(message) -> int:
@@ -87,7 +188,6 @@ def test_results_are_latched_and_the_motion_is_played_at_its_stamps(robot, made_
     r = robot()
     answer = fields.answer(made_recovery, made_clip, config.build({}))
     r.node.on_news(Published(answer))
-    r.until(lambda: r.node.playback.frame > 2)
     for name in ("~/material_field", "~/force_field", "~/quality", "~/state", "~/net_force", "~/force_markers", "~/rendered"):
         r.listen(name)  # late
     stamps = {answer.stamp_ns(k) for k in range(len(answer))}

@@ -1,0 +1,130 @@
+"""Claims about QoS that a user overrides, and about the middleware's profile, in real nodes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+from sensor_msgs.msg import Image
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.nodes.fit_node import FitNode
+from diffphys_ros.nodes.ingest_node import IngestNode
+from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
+from diffphys_ros.nodes.qos import sensor
+from diffphys_ros.nodes.segment_node import SegmentNode
+
+from .processes import PATIENCE_S, ROOT
+
+
+def offered(node, topic: str, kind: str):
+    """The QoS with which the middleware knows the node's endpoint."""
+    find = node.get_subscriptions_info_by_topic if kind == "subscription" else node.get_publishers_info_by_topic
+    (info,) = [info for info in find(topic) if info.node_name == node.get_name()]
+    return info.qos_profile
+
+
+def make(make_node, cls, **overrides):
+    return make_node(cls, **{f"qos_overrides.{name}": value for name, value in overrides.items()})
+
+
+def test_a_subscription_takes_the_users_quality_of_service_and_the_others_keep_theirs(make_node):
+    node = make(make_node, IngestNode, **{"/image.subscription.reliability": "reliable", "/image.subscription.depth": 3})
+    image, depth = offered(node, "/image", "subscription"), offered(node, "/depth", "subscription")
+    assert (image.reliability, node.streams["/image"].reliable) == (ReliabilityPolicy.RELIABLE, True)
+    assert (depth.reliability, node.streams["/depth"].reliable) == (ReliabilityPolicy.BEST_EFFORT, False)
+    assert node.get_parameter("qos_overrides./depth.subscription.reliability").value == "best_effort"
+
+
+def test_a_publisher_takes_it_too_and_keeps_it_when_it_is_made_again(make_node):
+    node = make(make_node, FitNode, **{"/fit_node/progress.publisher.durability": "volatile"})
+    for _ in range(2):
+        assert offered(node, "/fit_node/progress", "publisher").durability == DurabilityPolicy.VOLATILE
+        assert offered(node, "/fit_node/quality", "publisher").durability == DurabilityPolicy.TRANSIENT_LOCAL
+        node.advertise("~/progress")
+
+
+def test_every_topic_of_a_node_can_be_overridden(make_node):
+    node = make_node(SegmentNode)
+    names = {name.rpartition(".")[0] for name in node.list_parameters(["qos_overrides"], 0).names}
+    wanted = {f"qos_overrides.{node.resolve_topic_name(name)}.subscription" for name in TOPICS if name.startswith("clip/") and name != "clip/mask"}
+    wanted |= {f"qos_overrides./{name}.subscription" for name in ("click", "first_mask")}
+    assert names == wanted | {"qos_overrides./clip/mask.publisher", "qos_overrides./diagnostics.publisher"}
+    assert offered(node, "/clip/image", "subscription").history in (HistoryPolicy.KEEP_ALL, HistoryPolicy.UNKNOWN)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("/image.subscription.reliability", "perfect", "must be reliable or best_effort"),
+        ("/image.subscription.reliability", 3, "must be reliable or best_effort"),
+        ("/image.subscription.depth", -1, "must be a whole number"),
+        ("/image.subscription.relibility", "reliable", r"must end with \.history, \.depth"),
+    ],
+)
+def test_an_override_that_cannot_be_is_refused_by_name(make_node, name, value, words):
+    with pytest.raises(InputError, match=f"qos_overrides.{name}.*{words}"):
+        make(make_node, IngestNode, **{name: value})
+
+
+def test_an_override_of_no_topic_is_said(make_node, capfd):
+    make(make_node, IngestNode, **{"/imge.subscription.reliability": "reliable"})
+    said = capfd.readouterr().err
+    assert "qos_overrides./imge.subscription.reliability changes nothing: the node has no such topic; it has " in said
+    assert "/image.subscription" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"), [({}, str(PROFILE)), ({VARIABLE: "/mine.xml"}, "/mine.xml"), ({"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}, "None")]
+)
+def test_a_node_takes_the_middlewares_profile_before_rclpy_starts_unless_the_user_has_one(given, wanted):
+    code = (
+        "import os, sys; from diffphys_ros.nodes import executables as e;"
+        f"e._init = lambda rclpy: (print(os.environ.get('{VARIABLE}'), flush=True), os._exit(0)); e.segment_node()"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE} | given | {"PYTHONPATH": str(ROOT)}
+    said = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+    assert said.strip() == wanted
+
+
+def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(make_node, capfd):
+    node, other = make_node(IngestNode), rclpy.create_node("camera")
+    health: list[DiagnosticArray] = []
+    other.create_subscription(DiagnosticArray, "/diagnostics", health.append, 10)
+    output, executor = other.create_publisher(Image, "image", sensor("best_effort")), SingleThreadedExecutor()
+    for each in (node, other):
+        executor.add_node(each)
+
+    def until(condition) -> float:
+        began = time.monotonic()
+        while not condition():
+            assert time.monotonic() - began < PATIENCE_S
+            executor.spin_once(timeout_sec=0.05)
+        return time.monotonic() - began
+
+    try:
+        until(output.get_subscription_count)
+        stream = node.streams["/image"]
+        image = Image(height=4, width=4, encoding="rgb8", step=12, data=bytes(48))
+        stream.lose(5)  # what the middleware would call; that it does is for benchmarks/transport.py, where images are large
+        for k in range(5):
+            image.header.stamp.nanosec = k * 33_000_000
+            output.publish(image)
+        health.clear()
+        took = until(lambda: health and health[-1].status[0].level == bytes([messages.WARN]))
+        assert took < 2.0
+        assert "/image: 5 of 10 messages of the last 3 s were lost" in health[-1].status[0].message
+        assert messages.values_of(health[-1].status[0])["lost"] == "5"
+        assert "[WARN]" in (said := capfd.readouterr().err)
+        assert f"start the driver with {VARIABLE}={PROFILE}" in said
+    finally:
+        executor.shutdown()
+        other.destroy_node()
