@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from diffphys_ros import config, result
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.msg_schemas import clouds, fields, messages
+from diffphys_ros.msg_schemas.topics import RESULTS
 from diffphys_ros.nodes.fit_node import FitNode, Published
 
 from .robot import Robot
@@ -177,7 +178,7 @@ def test_where_fields_are_published_is_said_once_with_resolved_topics(robot, mad
     r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))
     r.node.on_done([])
     said = capfd.readouterr().err
-    assert said.count("run 0123abcd: fields published on /fit_node/material_field, /fit_node/force_field, /fit_node/quality") == 1
+    assert said.count("run 0123abcd: fields published on " + ", ".join(name.replace("~", "/fit_node") for name in RESULTS)) == 1
 
 
 def stamp_of(message) -> int:
