@@ -201,10 +201,10 @@ def progress(
     return diagnostics(now_ns, [status(f"{FIT_NODE}: progress", values, level=level, message=text)])
 
 
-def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "") -> dict[str, Any]:
+def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "", hardware: str = "") -> dict[str, Any]:
     """DiagnosticArray that says in one sentence why there is no recovery of what `camera` (its frame, where it is known) saw."""
     values = {"identified": False, "reason": reason, "run": run}
-    return diagnostics(now_ns, [status(f"{FIT_NODE}: recovery", values, level=ERROR, message=reason, hardware_id=camera)], camera)
+    return diagnostics(now_ns, [status(f"{FIT_NODE}: recovery", values, level=ERROR, message=reason, hardware_id=hardware)], camera)
 
 
 def _xyz(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import uuid
 from collections.abc import Callable, Collection, Generator
 from contextlib import closing
@@ -126,7 +127,8 @@ class FitNode(ClipStage):
         level = messages.ERROR if failed else messages.WARN
         self.send(PROGRESS, fields.progress(self.now_ns(), stage=self.state, text=reason, level=level, run=self.run))
         if failed and self.playback is None:
-            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, run=self.run, camera=self.buffer.info.header.frame_id if self.buffer.info else ""))
+            camera = "" if self.buffer.info is None else self.buffer.info.header.frame_id
+            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, run=self.run, camera=camera, hardware=camera or platform.node()))
         self.begun_with = None
         self._exit(1)
 
