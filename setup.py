@@ -25,7 +25,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.py"))),
-        (f"share/{NAME}/config", sorted([*glob("config/*"), "nodes/fastdds.xml"])),
+        (f"share/{NAME}/config", sorted([*glob("config/*"), f"{NAME}/nodes/fastdds.xml"])),
         # `ros2 run` looks here; pip puts console scripts into bin only, colcon overwrites these with its own
         (f"lib/{NAME}", [f"resource/bin/{node}" for node in NODES]),
     ],

@@ -248,10 +248,10 @@ def force_so_far(force: ForceSoFar) -> dict[str, Any]:
     return clouds.pack(header(force.start_ns, force.frame_id), clouds.FORCE, columns, density.shape[:2])
 
 
-def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "", node: str = FIT_NODE) -> dict[str, Any]:
+def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "", hardware: str = "", node: str = FIT_NODE) -> dict[str, Any]:
     """DiagnosticArray that says in one sentence why there is no recovery of what `camera` (its frame, where it is known) saw."""
     values = {"identified": False, "reason": reason, "run": run}
-    return diagnostics(now_ns, [status(f"{own_name(node)}: recovery", values, level=ERROR, message=reason, hardware_id=camera)], camera)
+    return diagnostics(now_ns, [status(f"{own_name(node)}: recovery", values, level=ERROR, message=reason, hardware_id=hardware)], camera)
 
 
 def _xyz(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:

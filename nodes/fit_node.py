@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import uuid
 from collections.abc import Callable, Collection, Generator
 from contextlib import closing
@@ -130,8 +131,9 @@ class FitNode(ClipStage):
         level = messages.ERROR if failed else messages.WARN
         self.send(PROGRESS, fields.progress(self.now_ns(), stage=self.state, text=reason, level=level, run=self.run))
         if failed and self.playback is None:
-            camera = self.buffer.info.header.frame_id if self.buffer.info else ""
-            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, run=self.run, camera=camera, node=self.get_name()))
+            camera = "" if self.buffer.info is None else self.buffer.info.header.frame_id
+            failed_of = {"run": self.run, "camera": camera, "hardware": camera or platform.node(), "node": self.get_name()}
+            self.send(QUALITY, fields.failed_quality(self.now_ns(), reason, **failed_of))
         self.begun_with = None
         self._exit(1)
 

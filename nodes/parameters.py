@@ -62,7 +62,7 @@ class Parameters:
         self._declared = config.read_by(reader)
         given = self._given()
         for item in self._own.values():
-            self._require(item, given.get(item.name, item.default))
+            self._require(item, item.default if given.get(item.name) is None else given[item.name])
             self._declare(item.name, item.default, _describe_own(item), given)
         defaults = self._in_files(self.paths(CONFIG.name))
         told = {n: v for n, v in given.items() if n not in self._own}
@@ -109,7 +109,8 @@ class Parameters:
 
     def _value(self, parameter: Parameter) -> Any:
         leaf, value = config.leaves().get(parameter.name), _plain(parameter.value)
-        return None if leaf is not None and leaf.optional and value == UNSET else value
+        may_be_unset = parameter.name in self._own if leaf is None else leaf.optional
+        return None if may_be_unset and value == UNSET else value
 
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor, given: Mapping[str, Any]) -> None:
         self._descriptors[name] = descriptor
@@ -118,7 +119,8 @@ class Parameters:
             return
         if name in given:
             self._node.undeclare_parameter(name)
-        self._node.declare_parameter(name, None if name in given else default, descriptor, ignore_override=True)
+        unset = name in given and name not in self._own
+        self._node.declare_parameter(name, None if unset else default, descriptor, ignore_override=True)
 
     def _spelt_out(self, changes: list[Parameter]) -> list[Parameter]:
         """What is to be set: nothing in place of `null`, and the settings of a new file."""
@@ -133,19 +135,20 @@ class Parameters:
             return {}
 
     def _check(self, changed: list[Parameter]) -> SetParametersResult:
-        values = {p.name: _plain(p.value) for p in changed}
+        values = {p.name: _plain(p.value) for p in changed if p.name in self._own or p.name in self._declared}
+        if not values:
+            return SetParametersResult(successful=True)
         try:
-            for item in (self._own[name] for name in values if name in self._own):
-                self._require(item, values[item.name])
             for name in values:
-                if values[name] is None and name in self._declared and not config.leaves()[name].optional:
+                if values[name] is None and (name in self._own or not config.leaves()[name].optional):
                     raise InputError(f"{self._origin}: {name} cannot be unset; give it a value")
+                if name in self._own:
+                    self._require(self._own[name], values[name])
             files = self._in_files(_paths(values.get(CONFIG.name)))
             self.settings(files | {name: value for name, value in values.items() if name in self._declared})
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        mine = {*self._own, *self._declared} & values.keys()
-        self._news = {name for name in mine if values[name] != _plain(self._node.get_parameter_or(name).value)}
+        self._news = {name for name in values if values[name] != _plain(self._node.get_parameter_or(name).value)}
         self._kept |= {name: value for name, value in files.items() if name not in self._declared}
         return SetParametersResult(successful=True)
 

@@ -80,6 +80,7 @@ def test_a_wheel_holds_one_top_level_package_and_the_sample(wheel):
         assert f"diffphys_ros/{room}/__init__.py" in names
     assert "diffphys_ros/bags/sample/clip.mcap" in names
     assert "diffphys_ros/prior/materials.yaml" in names
+    assert "diffphys_ros/nodes/fastdds.xml" in names
 
 
 def test_a_wheel_puts_executables_where_ros2_run_looks(wheel):
@@ -172,8 +173,8 @@ class TestColcon:
         assert (prefix / "share" / "ament_index" / "resource_index" / "packages" / "diffphys_ros").exists()
         code = (
             "import importlib.util as u, diffphys_ros.nodes.executables as e, diffphys_ros.bags.sample as s;"
-            f"print(e.__file__, (s.sample_folder() / 'clip.mcap').exists(), [u.find_spec(n) for n in {LINKED}])"
+            f"print(e.__file__, e.middleware.PROFILE.exists(), (s.sample_folder() / 'clip.mcap').exists(), [u.find_spec(n) for n in {LINKED}])"
         )
         said = run("bash", "-c", f'. install/local_setup.bash; "{sys.executable}" -P -c "{code}"', cwd=tmp_path, PYTHONPATH="", PATH=self.PATH)
         assert said.startswith(str(tmp_path))
-        assert said.endswith("True [None, None, None]\n")
+        assert said.endswith("True True [None, None, None]\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import re
 import time
 
@@ -98,6 +99,7 @@ def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_o
     status = r.heard["~/quality"][-1].status[0]
     assert status.level == bytes([messages.ERROR])
     assert "broken.mcap" in messages.values_of(status)["reason"]
+    assert (status.hardware_id, messages.values_of(status)["run"]) == (platform.node(), r.node.run)
     r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["state"] == "failed")
     assert capfd.readouterr().err.count("broken.mcap: not a complete") == 1  # said once
     assert r.node.exit_status is None
