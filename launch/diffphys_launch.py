@@ -15,7 +15,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 
-CONFIG = Path(__file__).resolve().parent.parent / "config"
+CONFIG = Path(__file__).absolute().parent.parent / "config"
 
 
 def description(launch: str, actions: Any) -> LaunchDescription:

@@ -103,14 +103,17 @@ def hearer(domain: int):
 def test_topics_bytes_and_pace_are_those_of_the_recording(hearer, made_clip, tmp_path, way):
     bag = in_lz4(recorded(tmp_path / "bag", made_clip)) if way == LZ4 else recorded(tmp_path / "bag", made_clip, way)
     hearer.listen(COLOUR, IMAGE, reliable=False)
-    hearer.play(bag, Part(rate=2.0), COLOUR)
+    played: list[int] = []  # the player's time at each image [ns]
+    player = hearer.play(bag, Part(rate=2.0), COLOUR, hear=lambda topic, kind, raw: played.append(player.now_ns) if topic == COLOUR else None)
     hearer.until(lambda: hearer.passes)
     hearer.until(lambda: len(hearer.heard[COLOUR]) == len(made_clip))
     for k, (_, message) in enumerate(hearer.heard[COLOUR]):
         assert stamp_ns(message) == made_clip.start_ns + round(made_clip.times[k] * 1e9)
         np.testing.assert_array_equal(np.frombuffer(message.data, np.uint8), made_clip.frames[k].ravel())
-    heard_s = hearer.heard[COLOUR][-1][0] - hearer.heard[COLOUR][0][0]
-    assert heard_s == pytest.approx(made_clip.times[-1] / 2, rel=0.4)
+    late_s = (np.array(played) - made_clip.start_ns) * 1e-9 - made_clip.times
+    assert (late_s > -1e-6).all()
+    assert late_s.min() < 0.1  # a busy machine makes some late, not all
+    assert hearer.heard[COLOUR][-1][0] - hearer.heard[COLOUR][0][0] > 0.4 * made_clip.times[-1]
     assert hearer.passes == [False]
 
 
@@ -134,11 +137,16 @@ def test_a_part_is_played_with_what_was_latched_before_it_and_the_clock_runs_wit
     player = hearer.play(recorded(tmp_path / "bag", made_clip), part, COLOUR, NOTE)
     hearer.until(lambda: hearer.passes and hearer.heard[NOTE] and len(hearer.heard[COLOUR]) == 6)
     assert [stamp_ns(m) for _, m in hearer.heard[COLOUR]] == [made_clip.start_ns + round(made_clip.times[k] * 1e9) for k in range(3, 9)]
-    clock = np.array([m.clock.sec * 10**9 + m.clock.nanosec for _, m in hearer.heard["/clock"]])
+
+    def told() -> np.ndarray:
+        return np.array([m.clock.sec * 10**9 + m.clock.nanosec for _, m in hearer.heard["/clock"]])
+
+    hearer.until(lambda: told()[-1] >= player.end_ns)
+    clock = told()
     assert (np.diff(clock) >= 0).all()
     assert player.begin_ns <= clock.min()
-    assert clock.max() <= player.end_ns
-    assert np.median(np.diff(clock)) == pytest.approx(1e7, rel=0.7)
+    assert clock.max() == player.end_ns
+    assert len(clock) > 3
 
 
 def test_a_loop_starts_over_until_it_is_stopped(hearer, made_clip, tmp_path):
