@@ -25,7 +25,7 @@ from .intake import Intake
 from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
 from .parameters import Own, existing
 from .qos import RELIABILITY, latched, profile, sensor
-from .recorder import ALWAYS, MANUAL, MOTION, Recorder
+from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import Job
 
@@ -74,9 +74,9 @@ class IngestNode(StageNode):
         held_up_by = self.dispatch.held_up_by(self._stages()) if self.dispatch.waiting else []
         if held_up_by:
             return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
-        if not self.intake.images:
+        if not self.intake.images and not self.dispatch.waiting:
             return "image or image/compressed"
-        if not self.intake.infos:
+        if self._camera_missing():
             return "camera_info"
         return "the end of the clip" if self.recorder.recording else ""
 
@@ -136,7 +136,7 @@ class IngestNode(StageNode):
         (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
 
     def _on_info(self, message: Any) -> None:
-        self.intake.take_info(message, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+        self.intake.take_info(message, fov_known=self._fov_known)
 
     def _on_tree(self, tree: Any) -> None:
         for link in tree.transforms:
@@ -162,15 +162,24 @@ class IngestNode(StageNode):
             )
             return
         self.get_logger().info(f"a clip of {count} images, {span_s:.2f} s, ends: {why}")
-        if self.recorder.trigger == ALWAYS and not self.recorder.armed:
+        if self.recorder.trigger == ALWAYS and why != PAUSE:
             self.get_logger().info("what the camera sends on is kept for ~/end and ~/record; a clip begins by itself after a pause, or with clip.trigger motion")
         self._send_next()
 
     def _send_next(self) -> None:
-        clip = None if self.worker.busy or not self.dispatch.waiting else self.dispatch.next(self._stages())
+        if self.worker.busy or not self.dispatch.waiting or self._camera_missing():
+            return
+        clip = self.dispatch.next(self._stages())
         if clip is not None:
-            settings = self.parameters.settings()
+            settings, clip.infos = self.parameters.settings(), dict(self.intake.infos)
             self._start(lambda: self._in_turn(messages_of(clip, settings, _single)))
+
+    def _camera_missing(self) -> bool:
+        """Whether what the camera is may still be told: a clip that ended before waits for it."""
+        return not (self.intake.infos or self.intake.unusable or self._fov_known())
+
+    def _fov_known(self) -> bool:
+        return self.get_parameter("camera.fov_deg").value is not None
 
     def _start(self, job: Job) -> None:
         self.worker.start(job)

@@ -12,6 +12,7 @@ from .intake import Intake
 from .motion import LEAST_REST, LEAST_TAIL, Watch
 
 ALWAYS, MANUAL, MOTION = "always", "manual", "motion"
+PAUSE = "the images stopped"
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 REST_S = 1.0  # kept before the motion that opens a clip
 STILL_S = 1.0  # without motion, after which a clip that motion opened ends
@@ -63,10 +64,10 @@ class Recorder:
 
     def silence(self) -> None:
         """No image has come for a while."""
-        if self.recording and not self.end("the images stopped"):
+        if self.recording and not self.end(PAUSE):
             self._warn(f"a clip has 2 images or more, {len(self.intake.images)} came before the images stopped; it is dropped")
+            self._stop()
         self._forget()
-        self._stop()
         self.armed = self.trigger != MANUAL
 
     def reset(self) -> None:
