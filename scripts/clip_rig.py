@@ -121,6 +121,11 @@ class Rig:
         """Until all listen to the camera, and all stages are heard."""
         return self.spin(lambda: all(each.get_subscription_count() for each in (self.image, self.depth, self.info)) and self.node.count_publishers("clip/done") >= 3, limit_s)
 
+    def ears(self) -> set[bytes]:
+        """Who listens to the camera; for a while a killed one is among them."""
+        topics = ("image", "depth", "camera_info")
+        return {bytes(info.endpoint_gid) for topic in topics for info in self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name(topic))}
+
     def send(self, number: int) -> Told:
         """The images of a clip, faster than they were filmed, with stamps of their own."""
         slower = EVERY_SECOND_SLOWER if number % 2 else 1.0
