@@ -90,6 +90,14 @@ def static_tree(nanoseconds: int, camera: Camera) -> dict[str, Any]:
     return {"transforms": [camera_pose(nanoseconds, replace(camera, world_from_camera=pose, world_frame_id=VIEWERS_WORLD))]}
 
 
+def camera_path(stamps: Iterable[int], camera: Camera) -> dict[str, Any]:
+    """nav_msgs/Path: where the camera was at every stamp [ns]; the header has the first one."""
+    pose = camera_pose(0, camera)["transform"]
+    there = {"position": pose["translation"], "orientation": pose["rotation"]}
+    poses = [{"header": header(each, world_frame(camera)), "pose": there} for each in stamps]
+    return {"header": poses[0]["header"], "poses": poses}
+
+
 def world_frame(camera: Camera) -> str:
     """Name of the frame in which results are given: root of the camera's transform tree, else the optical frame."""
     return camera.world_frame_id or camera.frame_id

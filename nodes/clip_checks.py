@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from diffphys_ros.bags.read import decoded, edge
 from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
+from .convert import stamp_ns
 from .limits import MAX_FRAMES
 
 LABEL_ENCODINGS = ("mono8", "8UC1")
@@ -69,6 +71,11 @@ def camera_of(info: Any, pose: Any) -> Camera:
     return camera_from_info(info.k, info.d, info.width, info.height, frame_id, known, root)
 
 
+def stamps_of(end: Any) -> tuple[int, ...]:
+    """Stamps of the images that a clip/end announces [ns]."""
+    return tuple(stamp_ns(pose) for pose in end.poses)
+
+
 def _check(message: Any, topic: str, *, empty: bool = False) -> None:
     if empty and not message.height:
         return
@@ -100,8 +107,11 @@ def _check_pose(message: Any, topic: str) -> None:
 
 
 def _check_end(message: Any, topic: str) -> None:
-    if not 0 < message.data <= MAX_FRAMES:
-        raise InputError(f"topic {topic}: announces {message.data} images, must be 1 .. {MAX_FRAMES}; publish the number of clip/image messages")
+    if not 0 < len(message.poses) <= MAX_FRAMES:
+        raise InputError(f"topic {topic}: announces {len(message.poses)} images, must be 1 .. {MAX_FRAMES}; publish a pose for every clip/image")
+    stamps = stamps_of(message)
+    if stamps[0] != stamp_ns(message) or any(a >= b for a, b in pairwise(stamps)):
+        raise InputError(f"topic {topic}: its stamps must ascend from that of its header; publish those of clip/image in order")
 
 
 _CHECKS: dict[str, Callable[[Any, str], None]] = {

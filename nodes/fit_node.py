@@ -8,8 +8,9 @@ from collections.abc import Callable, Collection, Generator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from rclpy.duration import Duration
 from std_srvs.srv import Trigger
 
@@ -19,7 +20,8 @@ from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 from diffphys_ros.result import RECOVERY, check_writable
-from diffphys_ros.types import Clip
+from diffphys_ros.splats.ply import to_raw
+from diffphys_ros.types import Clip, Splats
 
 from .child import steps
 from .clip_stage import ClipStage
@@ -28,7 +30,7 @@ from .fit_job import OUT_FLAG, recover
 from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
-from .splat_topic import splats_of
+from .splat_topic import labels_crc_of, splats_of
 from .tree import Tree
 from .worker import FAILED, Job
 
@@ -51,7 +53,15 @@ OWN = (
 SPLATS, PROGRESS, QUALITY, SO_FAR = "splats", "~/progress", "~/quality", "~/force_so_far"
 AT_ONCE = ("playback", "publish")  # groups of settings that hold for a result that is there
 ACKNOWLEDGED_S = 5.0  # longest wait for subscribers before the process ends
+MOST_SPLATS = 3  # clips of which Gaussians are kept: those of the next one may come before it
 Steps = Generator[Any, None, list[str]]
+
+
+class Gaussians(NamedTuple):
+    """What came on `splats`."""
+
+    splats: Splats
+    labels_crc: int | None  # of the mask that they were fitted in, where that is known
 
 
 class Published:
@@ -66,8 +76,7 @@ class FitNode(ClipStage):
     """Runs the inverse solver in a process of its own, latches the fields and plays the recovered motion."""
 
     def __init__(self) -> None:
-        self.splats: Any = None
-        self.splats_ns = 0  # stamp of the clip that they belong to; 0: of any
+        self.splats: dict[int, Gaussians] = {}  # by stamp of the clip that they belong to [ns]
         self.playback: Playback | None = None
         self.loss: float | None = None
         self.run = ""  # name of the fit that runs, or ran last
@@ -103,12 +112,14 @@ class FitNode(ClipStage):
 
     def health(self) -> dict[str, Any]:
         reference = None if self.playback is None else self.playback.answer.reference_text
-        return {"run": self.run, "loss": self.loss, "playing": self.playback is not None and self.playback.playing, "net_force_reference": reference}
+        playing = self.playback is not None and self.playback.playing
+        return super().health() | {"run": self.run, "loss": self.loss, "playing": playing, "net_force_reference": reference}
 
     def job(self) -> Job:
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         source: Callable[[], Clip | Path] = partial(Path, self.bag) if self.bag else self.buffer.copy().clip
-        return partial(_elsewhere, source, None if self.bag else self.splats, settings, out, resume, self.run, self.get_fully_qualified_name())
+        splats = None if self.bag or self.buffer.id is None else self.splats[self.buffer.id].splats
+        return partial(_elsewhere, source, splats, settings, out, resume, self.run, self.get_fully_qualified_name())
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -215,13 +226,21 @@ class FitNode(ClipStage):
 
     def _on_splats(self, message: Any) -> None:
         self.note_input()
-        self.splats, self.splats_ns = splats_of(message), stamp_ns(message)
+        found, clip = Gaussians(splats_of(message), labels_crc_of(message)), stamp_ns(message)
+        before = self.splats.pop(clip, None)
+        self.splats[clip] = found
+        if len(self.splats) > MOST_SPLATS:
+            del self.splats[next(iter(self.splats))]
+        if self.complete and clip == self.buffer.id and not (before and _equal(before, found)):
+            self.work_again("its Gaussians changed")
         self.begin()
 
     def _splats_missing(self) -> str:
-        stamps = self.buffer.stamps()
-        there = self.splats is not None and (not self.splats_ns or (len(stamps) > 0 and self.splats_ns == stamps[0]))
-        return "" if there else f"{SPLATS} of this clip"
+        found = None if self.buffer.id is None else self.splats.get(self.buffer.id)
+        if found is None:
+            return f"{SPLATS} of this clip"
+        known = found.labels_crc is None or not self.buffer.masks or found.labels_crc == self.buffer.first_labels_crc()
+        return "" if known else f"{SPLATS} in the masks of this clip"
 
     def _on_fit(self, request: Any, response: Any) -> Any:
         missing = "" if self.bag else self.buffer.missing(masks=True) or self._splats_missing()
@@ -244,9 +263,9 @@ class FitNode(ClipStage):
         response.message = f"run {self.run} ends" if response.success else "no fit is running"
         return response
 
-    def renew(self) -> None:
-        self.splats = None
-        super().renew()
+    def forget(self) -> None:
+        self.splats = {}
+        super().forget()
 
     def _reset(self, request: Any, response: Any) -> Any:
         self._stop_playback()
@@ -257,6 +276,10 @@ class FitNode(ClipStage):
             response.message = "forgotten; ~/fit reads the bag again"
             self.complete = True
         return response
+
+
+def _equal(a: Gaussians, b: Gaussians) -> bool:
+    return a.labels_crc == b.labels_crc and np.array_equal(to_raw(a.splats), to_raw(b.splats))
 
 
 def _elsewhere(source: Callable[[], Clip | Path], splats: Any, *rest: Any) -> Steps:

@@ -1,32 +1,34 @@
-"""ingest_node: raw camera topics or a bag in, a clean clip out."""
+"""ingest_node: raw camera topics or a bag in, clean clips out."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Generator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
-from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
-from diffphys_ros.msg_schemas import messages
-from diffphys_ros.types import Clip
+from diffphys_ros.msg_schemas import TOPICS, messages
 
-from .clip_stage import CLIP
-from .clip_topics import clip_messages, slot_stamps
+from .clip_buffer import INFO
+from .clip_out import Sent, messages_of, messages_of_clip
+from .clip_stage import CLIP, CLIP_DONE
+from .clip_topics import Plain
 from .convert import message_class, stamp_ns
-from .intake import Intake, clip_of
+from .dispatch import MOST_WAITING, Dispatch
+from .intake import Intake
 from .limits import MAX_FRAMES, MAX_MIB, max_bytes
 from .parameters import Own, existing
 from .player import Part, Player, inputs, static_links
-from .qos import RELIABILITY, latched, sensor
+from .qos import RELIABILITY, latched, profile, sensor
+from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import Job
 
@@ -40,30 +42,37 @@ OWN = (
     Own("start", 0.0, "of `bag`, left out at the beginning [s]", low=0.0, high=MAX_PART_S),
     Own("duration", 0.0, "of `bag`, taken at most [s]; 0: to its end", low=0.0, high=MAX_PART_S),
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
-    Own("silence_s", 2.0, "the clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
-    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory", low=2, high=MAX_FRAMES),
-    MAX_MIB,
+    Own("clip.trigger", ALWAYS, "what opens a clip: always, the first image; manual, ~/record; motion, what moves", (ALWAYS, MANUAL, MOTION)),
+    Own("clip.seconds", 10.0, "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]", low=0.1, high=600.0),
+    Own("silence_s", 2.0, "a clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
+    Own("max_frames", 1200, "a clip ends after this many images", low=2, high=MAX_FRAMES),
+    MAX_MIB._replace(doc="most that is kept of images [MiB]: half of it for what comes in and waits, half for the clip that is out; 218 frames of 640x480 px with depth"),
 )
-REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
+MOST_IN_HAND = 16  # messages of a clip between the thread that decodes them and the one that publishes
+LOOK_S = 0.1
 
 
 class IngestNode(StageNode):
-    """Collects raw images until they stop, or ~/end is called, and publishes one clip; ~/reset begins another."""
+    """Cuts clips out of what a camera sends and publishes them, one after the other; listens on while the other nodes work."""
 
     sparse = ("mask",)
 
     def __init__(self) -> None:
-        self.intake = Intake(MAX_FRAMES, 0)
-        self.clear()
         super().__init__("ingest_node", OWN, CLIP)
 
     def configure(self) -> None:
         self.silence_s = self.parameters["silence_s"]
-        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters))
-        self.clear()
+        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters) // 2)
+        self.recorder = Recorder(self.intake, self.parameters["clip.trigger"], self.parameters["clip.seconds"], self._on_closed, self._doubt)
+        self.dispatch = Dispatch()
+        self.collected = self.ignored = 0  # images taken, and of another topic
+        self.first_ns = self.last_ns = 0  # stamps of those that were taken
+        self.last_image: float | None = None
+        self.player: Player | None = None
+        self._room = threading.Semaphore(MOST_IN_HAND)
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.player: Player | None = None
+        self.create_service(SetBool, "~/record", self._on_record)
 
     def activate(self) -> None:
         if not self.parameters["bag"]:
@@ -77,40 +86,43 @@ class IngestNode(StageNode):
             self.player.stop()
             self.player = None
 
-    def clear(self) -> None:
-        """Begin to collect."""
-        self.intake.begin()
-        self.closed, self.collected, self.ignored = False, 0, 0
-        self.first_ns = self.last_ns = 0  # stamps of the collected images
-        self.last_image: float | None = None
-
-    def start(self, job: Job) -> None:
-        """Close the clip and make it in the worker's thread."""
-        self.closed = True
-        self.worker.start(job)
-        self.state = "working"
+    @property
+    def reading(self) -> bool:
+        """Whether the clip is that of a bag that is read at once."""
+        return bool(self.parameters["bag"]) and not self.parameters["rate"]
 
     def waiting_for(self) -> str:
-        if self.closed:
+        if self.reading or self.worker.busy:
             return ""
-        return "image or image/compressed" if not self.collected else "the end of the clip" if self.intake.infos else "camera_info"
+        held_up_by = self.dispatch.held_up_by(self._stages()) if self.dispatch.waiting else []
+        if held_up_by:
+            return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
+        if not self.intake.images and not self.dispatch.waiting:
+            return "image or image/compressed"
+        if self._camera_missing():
+            return "camera_info"
+        return "the end of the clip" if self.recorder.recording else ""
 
     def health(self) -> dict[str, Any]:
-        return {"frames": self.collected, "frequency_hz": self._frequency(), "dropped": self.ignored}
+        waiting = {"clips_waiting": len(self.dispatch.waiting), "clips_dropped": self.dispatch.dropped, "held_mib": (self.intake.bytes + self.dispatch.bytes) / 2**20}
+        return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "dropped": self.ignored, **self.recorder.health(), **waiting}
 
-    def on_done(self, result: tuple[Clip, np.ndarray, Any]) -> None:
-        clip, stamps, pose = result
-        self.advertise(*CLIP)
-        for name, fields in clip_messages(clip, stamps, pose):
-            self.send(name, fields)
-        for note in clip.notes:
+    def on_news(self, plain: Plain | None) -> None:
+        """A message of a clip that is ready."""
+        if plain is None:
+            return
+        topic, fields = plain
+        if topic == INFO:
+            self.advertise(*CLIP)  # of the clip before nothing is latched any more
+            stamp = fields["header"]["stamp"]
+            self.dispatch.sent(stamp["sec"] * 10**9 + stamp["nanosec"])
+        self.send(topic, fields)
+        self._room.release()
+
+    def on_done(self, sent: Sent) -> None:
+        for note in sent.notes:
             self.get_logger().warning(note)
-        self.get_logger().info(f"published a clip of {len(clip)} frames, {clip.period_s * 1e3:.1f} ms apart")
-
-    def on_failed(self, reason: str) -> None:
-        super().on_failed(reason)
-        if not self.parameters["bag"]:
-            self.clear()  # what comes next may make a clip
+        self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")
 
     def _subscribe(self) -> None:
         qos = sensor(self.parameters["reliability"])
@@ -126,48 +138,96 @@ class IngestNode(StageNode):
             pass  # an installation without tf2_msgs has camera_pose
         else:
             self.create_subscription(TFMessage, "/tf_static", self._on_tree, latched())
-        self.create_timer(0.1, self._look_for_silence)
+        self._attend()
+
+    def _attend(self) -> None:
+        """To stages that have ended with a clip, and to silence."""
+        done = TOPICS[CLIP_DONE]
+        self.create_subscription(message_class(done.type_name), CLIP_DONE, self._on_clip_done, profile(done))
+        self.create_timer(LOOK_S, self._look)
 
     def _on_image(self, topic: str, message: Any) -> None:
         self.note_input()
-        if self.closed or self.intake.topic not in ("", topic):
+        if self.intake.topic not in ("", topic):
             self.ignored += 1
             return
-        if self.collected and self.last_ns - stamp_ns(message) > REPLAY_JUMP_NS:
-            self.get_logger().info("stamps jumped back; the clip ends here")
-            self._finish()
-            return
-        self.intake.take_image(topic, message)
+        self.intake.elsewhere = self.dispatch.bytes
+        self.recorder.take(topic, message)
         self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
-        if self.intake.full:
-            self.get_logger().warning(f"the clip ends here: {self.collected} images are what max_frames and max_mib allow")
-            self._finish()
 
     def _on_beside(self, topic: str, message: Any) -> None:
-        if not self.closed:
-            (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
+        (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
 
     def _on_info(self, message: Any) -> None:
-        self.intake.take_info(message, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+        self.intake.take_info(message, fov_known=self._fov_known)
 
     def _on_tree(self, tree: Any) -> None:
         for link in tree.transforms:
             self.intake.take_link(link)
 
-    def _look_for_silence(self) -> None:
-        if not self.closed and self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
-            self._finish()
+    def _on_clip_done(self, message: Any) -> None:
+        for status in message.status[:1]:
+            self.dispatch.hear(status.name, stamp_ns(message), status.level[0])
 
-    def _finish(self) -> None:
-        settings = self.parameters.settings()
-        self.start(partial(_assemble, self.intake.closed(), settings))
+    def _look(self) -> None:
+        """For silence, and whether a clip that waits may go."""
+        if self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
+            self.last_image, self.collected = None, 0
+            self.recorder.silence()
+        self._send_next()
+
+    def _on_closed(self, clip: Intake, why: str) -> None:
+        count, span_s = len(clip.images), clip.span_s
+        if not self.dispatch.add(clip):
+            self.get_logger().warning(
+                f"a clip of {count} images is dropped, the {self.dispatch.dropped}. so far: {MOST_WAITING} wait for {', '.join(self.dispatch.held_up_by(self._stages())) or 'this node'}; "
+                "call ~/reset of a stage to let the next one pass"
+            )
+            return
+        self.get_logger().info(f"a clip of {count} images, {span_s:.2f} s, ends: {why}")
+        if self.recorder.trigger == ALWAYS and why != PAUSE:
+            self.get_logger().info("what the camera sends on is kept for ~/end and ~/record; a clip begins by itself after a pause, or with clip.trigger motion")
+        self._send_next()
+
+    def _send_next(self) -> None:
+        if self.worker.busy or not self.dispatch.waiting or self._camera_missing():
+            return
+        clip = self.dispatch.next(self._stages())
+        if clip is not None:
+            settings, clip.infos = self.parameters.settings(), dict(self.intake.infos)
+            self._start(lambda: self._in_turn(messages_of(clip, settings, _single)))
+
+    def _camera_missing(self) -> bool:
+        """Whether what the camera is may still be told: a clip that ended before waits for it."""
+        return not (self.intake.infos or self.intake.unusable or self._fov_known())
+
+    def _fov_known(self) -> bool:
+        return self.get_parameter("camera.fov_deg").value is not None
+
+    def _start(self, job: Job) -> None:
+        self.worker.start(job)
+        self.state = "working"
+
+    def _in_turn(self, steps: Generator[Plain, None, Sent]) -> Generator[Plain | None, None, Sent]:
+        """Messages as fast as they are published, so that they do not pile up."""
+        while True:
+            while not self._room.acquire(timeout=LOOK_S):
+                yield None
+            try:
+                yield next(steps)
+            except StopIteration as stop:
+                self._room.release()
+                return stop.value
+            except BaseException:
+                self._room.release()
+                raise
 
     def _read_or_play(self) -> None:
         """Read the clip of the bag, or play it and hear what is played as if a camera sent it."""
         part = Part(*(self.parameters[name] for name in ("rate", "loop", "start", "duration")))
         if not part.rate:
-            self.start(self._read_job(part))
+            self._start(self._read_job(part))
             return
         path, settings = Path(self.parameters["bag"]), self.parameters.settings()
         roles = inputs(path, settings.topics)
@@ -179,6 +239,7 @@ class IngestNode(StageNode):
                 self._hear(roles[topic], topic, deserialize_message(raw, message_class(kind)))
 
         self.player = Player(self, path, part, hear=hear, ended=self._on_played)
+        self._attend()
         self.player.start()
 
     def _hear(self, role: str, topic: str, message: Any) -> None:
@@ -191,44 +252,61 @@ class IngestNode(StageNode):
 
     def _on_played(self, again: bool) -> None:
         self.get_logger().info("the recording ends here" + ("; it is played again" if again else ""))
-        if self.collected and not self.closed:
-            self._finish()
+        self.recorder.silence()  # the next pass begins another clip
 
     def _read_job(self, part: Part) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
 
-        def read() -> Generator[None, None, tuple[Clip, np.ndarray, None]]:
-            yield
+        def read() -> Generator[Plain | None, None, Sent]:
+            yield None
             clip = read_clip(bag, settings, start_s=part.start_s, duration_s=part.duration_s or None)
-            return clip, slot_stamps(clip), None
+            return (yield from self._in_turn(messages_of_clip(clip)))
 
         return read
+
+    def _stages(self) -> set[str]:
+        """Who listens to clips, by full name."""
+        found = self.get_publishers_info_by_topic(self.resolve_topic_name(CLIP_DONE))
+        return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found}
+
+    def _doubt(self, fault: str) -> None:
+        self.get_logger().warning(fault)
 
     def _frequency(self) -> float | None:
         span = self.last_ns - self.first_ns
         return 1e9 * (self.collected - 1) / span if span > 0 else None
 
+    def _on_record(self, request: Any, response: Any) -> Any:
+        if self.reading:
+            response.success, response.message = False, "reading a bag; start the node without one"
+        elif request.data:
+            self.recorder.record()
+            response.success, response.message = True, "recording; ~/end closes the clip"
+        else:
+            self._end(response, "~/record false was called")
+        return response
+
     def _on_end(self, request: Any, response: Any) -> Any:
-        response.success = bool(self.collected) and not self.closed
-        response.message = f"clip of {self.collected} images closed" if response.success else "there is no open clip; call ~/reset to begin one"
-        if response.success:
-            self._finish()
+        return self._end(response, "~/end was called")
+
+    def _end(self, response: Any, why: str) -> Any:
+        count, dropped = len(self.intake.images), self.dispatch.dropped
+        response.success = self.recorder.end(why) and self.dispatch.dropped == dropped
+        response.message = f"clip of {count} images closed" if response.success else "dropped, two clips wait" if self.dispatch.dropped > dropped else f"{count} images, a clip has 2 or more"
+        if response.success and self.recorder.fault:
+            response.message += f"; {self.recorder.fault}"
         return response
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        response.success = not self.worker.busy and not (self.parameters["bag"] and self.player is None)
-        response.message = "collecting" if response.success else "busy, or reading a bag; start the node again"
-        if response.success:
-            self.clear()
-            self.state = "waiting"
+        response.success = not self.reading
+        if not response.success:
+            response.message = "reading a bag; start the node again"
+            return response
+        self.recorder.reset()
+        self.dispatch.dropped += (waited := self.dispatch.release())
+        self.state = "working" if self.worker.busy else "waiting"
+        response.message = f"forgotten, with {waited} clips that waited; collecting"
         return response
-
-
-def _assemble(intake: Intake, settings: config.Settings) -> Generator[None, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
-    """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform."""
-    yield
-    clip, received = clip_of(intake, settings)
-    return clip, slot_stamps(clip, received), _single(intake.links, clip.camera.frame_id)
 
 
 def _single(links: dict[str, Any], frame_id: str) -> dict[str, Any] | None:

@@ -1,77 +1,125 @@
-"""What ingest_node collects of a camera until the clip ends: bounded, whatever is sent for however long."""
+"""What ingest_node keeps of a camera: a ring of the latest images, or those of a clip; bounded, whatever is sent for however long."""
 
 from __future__ import annotations
 
-from collections import Counter
+from bisect import bisect_left, insort
 from collections.abc import Callable
-from copy import copy
-from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffphys_ros import config
-from diffphys_ros.bags.assemble import assemble
 from diffphys_ros.bags.camera import camera_from_info, pose_in_root, undistorter
 from diffphys_ros.bags.decode import MAX_PIXELS, declared_size
-from diffphys_ros.bags.read import decoded, edge, nearest, seen_through
+from diffphys_ros.bags.read import edge
 from diffphys_ros.errors import InputError
-from diffphys_ros.types import Clip
 
-from .clip_checks import check_colour, check_depth, check_labels, labels_of
+from .clip_checks import check_colour, check_depth, check_labels
 from .convert import stamp_ns
-from .limits import PIXEL_BYTES
+from .limits import COLOUR_BYTES, DEPTH_BYTES, LABEL_BYTES
 
-SOURCE = "raw topics"
 SPARE = 64  # images of depth and mask kept beside those that belong to a colour image: they may come before it
 MAX_LINKS = 1000  # of the transform tree
 MAX_SIZES = 8  # of images, of which a camera_info is kept
+BESIDE_NS = 10**9  # by which depth and masks may be older than the oldest image that is kept
 Size = tuple[int, int]  # width, height [px]
 
 
+class Taken(NamedTuple):
+    """A colour image, raw or compressed."""
+
+    stamp: int  # [ns]
+    topic: str
+    message: Any
+    size: Size
+
+
 class Intake:
-    """The messages of one clip. Every `take_...` raises InputError for a message that can be part of none, and keeps nothing of it."""
+    """Messages of one clip, or of the time before one. Every `take_...` raises InputError for a message that can be part of none, and keeps
+    nothing of it. What is kept has at most `max_bytes`, as it is and as it will be handed on."""
 
     def __init__(self, max_frames: int, max_bytes: int) -> None:
-        self.images: list[tuple[str, Any, Size]] = []  # topic, message, size
+        self.images: list[Taken] = []  # ascending
         self.depths: list[Any] = []
         self.masks: list[Any] = []
         self.infos: dict[Size, Any] = {}  # the latest camera_info by the size that it is for
         self.unusable = ""  # why the latest camera_info that was refused was
         self.links: dict[str, Any] = {}  # TransformStamped by child frame
-        self._max_frames, self._max_bytes, self._bytes = max_frames, max_bytes, 0
+        self.one_mask = True  # whether the one nearest to the first image is enough, which is known while a clip is recorded
+        self.elsewhere = 0  # bytes that others hold of the same bound
+        self._max_frames, self._max_bytes = max_frames, max_bytes
+        self._raw = self._pixels = 0  # bytes and pixels of the images
 
     def begin(self) -> None:
         """Forget the images; camera and transforms, which are not sent again, stay."""
-        self.images, self.depths, self.masks, self._bytes = [], [], [], 0
+        self.images, self.depths, self.masks = [], [], []
+        self._raw = self._pixels = 0
 
     def closed(self) -> Intake:
         """What was collected, handed over; this one keeps camera and transforms alone."""
-        taken = copy(self)
-        taken.links = dict(self.links)
-        taken.infos = dict(self.infos)
+        taken = Intake(self._max_frames, self._max_bytes)
+        taken.images, taken.depths, taken.masks, taken._raw, taken._pixels = self.images, self.depths, self.masks, self._raw, self._pixels
+        taken.infos, taken.links, taken.unusable = dict(self.infos), dict(self.links), self.unusable
         self.begin()
         return taken
+
+    def keep_latest(self, seconds: float) -> None:
+        """As a ring: forget what is older than this, and the oldest where there is too much."""
+        while len(self.images) > 1 and (self.span_s > seconds or self._too_much()):
+            self.forget_before(self.images[1].stamp)
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop images from before a stamp [ns], and what is beside them."""
+        gone = bisect_left(self.images, stamp, key=lambda image: image.stamp)
+        for image in self.images[:gone]:
+            self._raw, self._pixels = self._raw - len(image.message.data), self._pixels - image.size[0] * image.size[1]
+        del self.images[:gone]
+        self.depths, self.masks = ([m for m in some if stamp_ns(m) >= stamp - BESIDE_NS] for some in (self.depths, self.masks))
+
+    @property
+    def bytes(self) -> int:
+        """Of all messages that are kept."""
+        return self._raw + sum(len(m.data) for some in (self.depths, self.masks) for m in some)
+
+    @property
+    def span_s(self) -> float:
+        """From the first to the last image [s]."""
+        return (self.images[-1].stamp - self.images[0].stamp) * 1e-9 if self.images else 0.0
 
     @property
     def topic(self) -> str:
         """Where the images come from; empty before the first one."""
-        return self.images[0][0] if self.images else ""
+        return self.images[0].topic if self.images else ""
 
     @property
     def full(self) -> bool:
         """Whether another image like the last one would be too much."""
-        return len(self.images) >= self._max_frames or self._bytes + (self._weight(-1) if self.images else 0) > self._max_bytes
+        if not self.images:
+            return False
+        last = self.images[-1]
+        more = len(last.message.data) + (len(self.depths[-1].data) if self.depths else 0)
+        return len(self.images) >= self._max_frames or self._too_much(more, last.size[0] * last.size[1])
+
+    def _too_much(self, more: int = 0, pixels: int = 0) -> bool:
+        """Whether the bound is passed with so many bytes and pixels more."""
+        handed_on = (self._pixels + pixels) * (COLOUR_BYTES + LABEL_BYTES + (DEPTH_BYTES if self.depths else 0))
+        return max(self.bytes + self.elsewhere + more, handed_on) > self._max_bytes or len(self.images) > self._max_frames
 
     def take_image(self, topic: str, message: Any) -> None:
-        """A colour image, raw or compressed."""
+        """A colour image, raw or compressed; one that comes late finds its place, unless the oldest that is kept is younger."""
         if hasattr(message, "format"):
             size = declared_size(message.format, message.data)
         else:
             check_colour(message, topic)
             size = message.width, message.height
-        self.images.append((topic, message, size))
-        self._bytes += self._weight(-1)
+        image = Taken(stamp_ns(message), topic, message, size)
+        if self.images and image.stamp <= self.images[-1].stamp:
+            if image.stamp < self.images[0].stamp or any(image.stamp == other.stamp for other in self.images):
+                late = (self.images[-1].stamp - image.stamp) * 1e-9
+                raise InputError(f"topic {topic}: an image came twice or late, {late:.3g} s before the latest; have the driver stamp and send its images in order")
+            insort(self.images, image, key=lambda other: other.stamp)
+        else:
+            self.images.append(image)
+        self._raw, self._pixels = self._raw + len(message.data), self._pixels + size[0] * size[1]
 
     def take_depth(self, message: Any) -> None:
         """A depth image; those that are nearest to no colour image go once there are SPARE of them."""
@@ -85,8 +133,8 @@ class Intake:
         """A label image; the one nearest to the first colour image is used."""
         check_labels(message, "mask")
         self.masks.append(message)
-        if self.images:
-            self.masks = [min(self.masks, key=lambda m: abs(stamp_ns(m) - stamp_ns(self.images[0][1])))]
+        if self.images and self.one_mask:
+            self.masks = [min(self.masks, key=lambda m: abs(stamp_ns(m) - self.images[0].stamp))]
         self.masks = self._within(self.masks)
 
     def take_info(self, message: Any, *, fov_known: Callable[[], bool]) -> None:
@@ -116,11 +164,6 @@ class Intake:
         pose_in_root(dict(edge(each) for each in links.values()), link.child_frame_id)
         self.links = links
 
-    def _weight(self, index: int) -> int:
-        """What an image takes [bytes]: as it is, or as listeners will hold it with depth and mask."""
-        _, message, (width, height) = self.images[index]
-        return max(len(message.data), width * height * PIXEL_BYTES)
-
     def _within(self, kept: list[Any]) -> list[Any]:
         """Without images that are of no use, as few as the bound wants."""
         if len(kept) > len(self.images) + SPARE:
@@ -134,57 +177,10 @@ class Intake:
 
     def _beside(self, kept: list[Any]) -> list[Any]:
         stamps = np.array([stamp_ns(message) for message in kept])
-        chosen = {int(np.abs(stamps - stamp_ns(message)).argmin()) for _, message, _ in self.images}
+        chosen = {int(np.abs(stamps - image.stamp).argmin()) for image in self.images}
         chosen |= set(range(len(kept) - SPARE // 2, len(kept)))
         return [kept[index] for index in sorted(chosen)]
 
 
 def _calibration(info: Any) -> tuple[Any, ...]:
     return info.header.frame_id, info.distortion_model, list(info.k), list(info.d), list(info.p)
-
-
-def clip_of(intake: Intake, settings: config.Settings) -> tuple[Clip, np.ndarray]:
-    """The clip of what was collected and the stamps (T,) [ns] of its images. Raises InputError where it makes none."""
-    topic = intake.topic
-    frames, frame_id, lost = _frames(intake)
-    size = (frames[0][1].shape[1], frames[0][1].shape[0])
-    metres = [] if settings.topics.depth == "none" else _metres(intake.depths, size)
-    info = intake.infos.get(size) or next(reversed(intake.infos.values()), None)
-    if info is None and intake.unusable and settings.camera.fov_deg is None:
-        raise InputError(f"{SOURCE}: {intake.unusable}")
-    edges = dict(edge(link) for link in intake.links.values())
-    camera, undistort, notes = seen_through(info, edges, settings, (*size, frame_id), SOURCE, image_topic=topic, info_topic="camera_info")
-    mask = nearest([(stamp_ns(m), labels_of(m, "mask")) for m in intake.masks], frames[0][0]) if intake.masks else None
-    if undistort:
-        mask = None if mask is None else undistort(mask)
-        frames, metres = ([(stamp, undistort(image)) for stamp, image in some] for some in (frames, metres))
-    clip = replace(assemble(frames, metres, camera, SOURCE, notes=[*lost, *notes]), first_labels=mask)
-    return clip, np.array([stamp for stamp, _ in frames])
-
-
-def _frames(intake: Intake) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
-    """(stamp [ns], RGB) of the images of the most common size, their frame, and a note on the others."""
-    usual = Counter(size for *_, size in intake.images).most_common(1)[0][0]
-    frames, frame_id, reason = [], "", "another size"
-    for topic, message, size in intake.images:
-        if size != usual:
-            continue
-        try:
-            image = decoded(message, SOURCE, topic)
-        except InputError as error:
-            reason = str(error)
-            continue
-        if image.ndim != 3:
-            raise InputError(f"{SOURCE}: topic {topic} holds depth, must hold colour; publish depth on the topic depth")
-        frames.append((stamp_ns(message), image))
-        frame_id = frame_id or message.header.frame_id
-    if not frames:
-        raise InputError(f"{SOURCE}: none of {len(intake.images)} images can be read; {reason}")
-    left_out = len(intake.images) - len(frames)
-    return frames, frame_id, [f"{left_out} of {len(intake.images)} images were left out ({reason})"] if left_out else []
-
-
-def _metres(depths: list[Any], size: Size) -> list[tuple[int, np.ndarray]]:
-    """(stamp [ns], depth [m]) of the depth images of a size; of all where none has it, for the assembly to complain about."""
-    fitting = [message for message in depths if (message.width, message.height) == size]
-    return [(stamp_ns(message), decoded(message, SOURCE, "depth")) for message in fitting or depths]
