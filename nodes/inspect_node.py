@@ -40,8 +40,8 @@ class InspectNode(StageNode):
 
     def __init__(self) -> None:
         self.log = rerun_log()  # imported before any transition, which must not take seconds
-        self.stream: Stream | None = None
-        self.web: Web | None = None
+        self.stream: Any = None
+        self.web: Any = None
         self.camera_from: dict[str, Any] = {}  # the latest camera_info and camera_pose, by topic
         self._forget()
         super().__init__("inspect_node", OWN)
