@@ -181,7 +181,10 @@ def rerun_log() -> Any:
 
 
 def unused(path: Path) -> Path:
-    """The path, or with the first number at its name for which there is no file yet; the file is made. Raises InputError where that cannot be."""
+    """The path, or with the first number at its name for which there is no file yet; the file is made. What is no regular file, such as a device,
+    stays as it is. Raises InputError where no file can be made."""
+    if path.exists() and not path.is_file():
+        return path
     for number in count(1):
         candidate = path if number == 1 else path.with_stem(f"{path.stem}_{number}")
         try:

@@ -269,3 +269,22 @@ def test_a_damaged_image_is_named(images: Path) -> None:
     (images / "frame5.png").write_bytes(b"\x89PNG cut")
     with pytest.raises(InputError, match=r"frame5.png: .*cannot be decoded"):
         read_clip(images, settings(camera__fps=30.0))
+
+
+def test_a_part_of_a_recording_is_read(record: Callable[..., Path]) -> None:
+    path = record(colour_topic(), depth_topic(), info_topic())
+    whole, part = read_clip(path, DEFAULT), read_clip(path, DEFAULT, start_s=1.5 * PERIOD_NS * 1e-9, duration_s=3 * PERIOD_NS * 1e-9)
+    np.testing.assert_array_equal(part.frames, whole.frames[2:5])
+    np.testing.assert_array_equal(part.depth, whole.depth[2:5])
+    assert part.start_ns == START_NS + 2 * PERIOD_NS
+
+
+@pytest.mark.parametrize(("part", "words"), [({"start_s": 5.0}, "start 5 s lies behind its end"), ({"start_s": 0.1, "duration_s": 0.01}, "holds no image between start")])
+def test_a_part_without_images_is_refused(record: Callable[..., Path], part: dict[str, float], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_clip(record(colour_topic(), info_topic()), DEFAULT, **part)
+
+
+def test_only_recordings_are_read_in_part(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no recording, of which alone a part can be read"):
+        read_clip(tmp_path, DEFAULT, start_s=1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import urllib.request
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -14,7 +15,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, fields
 from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import message_class, to_ros
-from diffphys_ros.nodes.inspect_node import InspectNode
+from diffphys_ros.nodes.inspect_node import InspectNode, unused
 from diffphys_ros.nodes.qos import profile
 from diffphys_ros.progress import ForceSoFar
 
@@ -90,6 +91,11 @@ def test_loss_and_fields_are_shown_while_they_come(teller, made_recovery, made_c
         t.tell(name, getattr(answer, name[2:])())
     assert t.node.shown >= {"clip/image", "~/progress", "~/force_so_far", "~/material_field", "~/force_field"}
     assert not t.node.net.refused
+
+
+def test_a_device_is_written_to_as_it_is():
+    assert unused(Path("/dev/null")) == Path("/dev/null")
+    assert not Path("/dev/null_2").exists()
 
 
 def test_a_folder_that_cannot_be_written_is_refused(make_node):
