@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import uuid
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Collection, Generator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,11 @@ from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 from diffphys_ros.result import RECOVERY, check_writable
 from diffphys_ros.splats.ply import to_raw
-from diffphys_ros.types import Clip, Splats
+from diffphys_ros.types import Splats
 
 from .child import steps
-from .clip_stage import ClipStage
+from .clip_buffer import ClipBuffer
+from .clip_stage import ClipStage, assembled
 from .convert import message_class, stamp_ns, to_ros
 from .fit_job import OUT_FLAG, recover
 from .parameters import Own, existing
@@ -117,7 +118,7 @@ class FitNode(ClipStage):
 
     def job(self) -> Job:
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
-        source: Callable[[], Clip | Path] = partial(Path, self.bag) if self.bag else self.buffer.copy().clip
+        source = Path(self.bag) if self.bag else self.buffer.copy()
         splats = None if self.bag or self.buffer.id is None else self.splats[self.buffer.id].splats
         return partial(_elsewhere, source, splats, settings, out, resume, self.run, self.get_fully_qualified_name())
 
@@ -282,10 +283,11 @@ def _equal(a: Gaussians, b: Gaussians) -> bool:
     return a.labels_crc == b.labels_crc and np.array_equal(to_raw(a.splats), to_raw(b.splats))
 
 
-def _elsewhere(source: Callable[[], Clip | Path], splats: Any, *rest: Any) -> Steps:
+def _elsewhere(source: ClipBuffer | Path, splats: Any, *rest: Any) -> Steps:
     """The fit in a process of its own; what it publishes becomes messages here, beside the node's thread."""
-    fit = steps(recover, source(), splats, *rest)
-    del source
+    clip = source if isinstance(source, Path) else (yield from assembled(source))
+    fit = steps(recover, clip, splats, *rest)
+    del source, clip
     with closing(fit):
         while True:
             try:

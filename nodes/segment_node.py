@@ -17,7 +17,7 @@ from diffphys_ros.types import Camera
 
 from .clip_buffer import MASK
 from .clip_checks import check_labels, labels_of
-from .clip_stage import ClipStage
+from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
@@ -66,11 +66,11 @@ class SegmentNode(ClipStage):
     def job(self) -> Job:
         buffer, settings, told = self.buffer.copy(), self.parameters.settings(), dict(self.told)
 
-        def label() -> Generator[str, None, list[Any]]:
+        def label() -> Generator[Any, None, list[Any]]:
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed(buffer.clip(), settings), settings
+            clip, chosen = placed((yield from assembled(buffer)), settings), settings
             if CLICK in told:
                 chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:
