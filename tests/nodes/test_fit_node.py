@@ -1,4 +1,4 @@
-"""Claims about fit_node's services and its answers to bad input, in this process."""
+"""Claims about fit_node's services and its answers to bad input."""
 
 from __future__ import annotations
 
@@ -51,6 +51,10 @@ def test_a_cancelled_fit_goes_on_from_its_checkpoint_and_leaves_none_behind(resu
     assert metrics["iterations"] == 3
     assert len(metrics["loss_history"]) == 4  # with those of the first fit
     assert not (resumed.out / "checkpoint.npz").exists()
+
+
+def test_it_ends_with_status_0_while_it_plays(resumed):
+    assert resumed.status == 0
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path):
