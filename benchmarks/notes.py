@@ -154,14 +154,19 @@ def pictures() -> tuple[Lines, list[Rows]]:
 
 def effects(rows: Iterable[Row]) -> Lines:
     """Numbers halved and doubled, the strongest first: failures, flags of what is identified, stiffness, force (benchmarks/sensitivity.py)."""
-    ordered = sorted(rows, key=lambda row: max(strength(row, word) for word in CHANGED), reverse=True)
+    ordered = ranked(rows)
     clips = sorted(set().union(*map(clips_of, ordered)))
     head = ["number", "value", "what it is", *CHANGED, f"decides in (of {', '.join(clips)})"]
     return [head, *([f"`{r['name']}`", f"{r['value']:.3g}", r["what"].replace("|", "\\|"), *(effect(r, w) for w in CHANGED), ", ".join(decided(r)) or "-"] for r in ordered)]
 
 
+def ranked(rows: Iterable[Row]) -> list[Row]:
+    """The strongest first."""
+    return sorted(rows, key=lambda row: max(strength(row, word) for word in CHANGED), reverse=True)
+
+
 def strength(row: Row, word: str) -> tuple[int, int, float, float]:
-    """What rows of `effects` are sorted by."""
+    """What `ranked` goes by."""
     found = row[word]["clips"].values()
     worst = (max((abs(c.get(name, 0)) for c in found), default=0) for name in ("young", "force"))
     return (sum("failed" in c for c in found), sum(c.get("flags", 0) for c in found), *worst)  # type: ignore[return-value]
@@ -206,6 +211,25 @@ def sensitivity(*, deciding: bool) -> tuple[Lines, list[Rows]]:
     return [["module", "numbers that decide nothing"], *([m, said] for m, said in names.items())], [rows]
 
 
+def whole_runs() -> tuple[Lines, list[Rows]]:
+    """Whole recoveries with numbers halved and doubled (benchmarks/whole_runs.py)."""
+    path = RESULTS / "whole_runs.json"
+    rows = Rows.of(path.stem) if path.exists() else Rows()
+    rows.used = {tuple(row[key] for key in ("device", "versions", "commit")) for row in rows.values()}
+    if "" not in rows:
+        return [["no rows yet"]], [rows]
+    clips = list(rows[""]["as is"])
+    lines = [["number", "", *(f"{clip}: error of log10 E, force cosine, trajectory" for clip in clips)]]
+    for name, row in rows.items():
+        lines += [[f"`{name}`" if name else "", word, *(_run(row[word][clip]) for clip in clips)] for word in ("as is", *CHANGED) if word in row]
+    return lines, [rows]
+
+
+def _run(found: dict[str, float | None] | str) -> str:
+    """A cell of `whole_runs`."""
+    return found if isinstance(found, str) else ", ".join("-" if value is None else f"{value:.3f}" for value in found.values())
+
+
 TABLES: dict[str, Callable[[], tuple[Lines, list[Rows]]]] = {
     "beam frequency": lambda: beam("frequency", (2.7, 4, 6, 8)),
     "beam deflection": lambda: beam("deflection", (2, 3, 4, 6)),
@@ -220,6 +244,7 @@ TABLES: dict[str, Callable[[], tuple[Lines, list[Rows]]]] = {
     "pictures": pictures,
     "sensitivity": lambda: sensitivity(deciding=True),
     "sensitivity, nothing": lambda: sensitivity(deciding=False),
+    "whole runs": whole_runs,
 }
 
 

@@ -8,11 +8,13 @@ coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from .footprints import Footprint
+from .inpaint import nearest_known
 
 IGNORE = 255  # label of pixels that are neither object nor background (an arm, an occluder)
 
@@ -136,8 +138,19 @@ class Doubt:
 
 
 @dataclass(frozen=True)
+class Front:
+    """The body's surface on the camera's side in C pieces, with the solid behind each."""
+
+    points: np.ndarray  # body frame [m], shape (C, 3)
+    volume: np.ndarray  # [m^3], shape (C,)
+    part: np.ndarray  # 1..n, shape (C,)
+
+
+@dataclass(frozen=True)
 class Body:
     """The filled solid: a silhouette extruded symmetrically to its mid-plane, on a raster of square cells.
+
+    What makes elements, particles and zones of it knows the raster; all others ask for volumes, sizes, the front and the part at a point.
 
     Body frame: x leaves the clamp (the clamped face is the plane x = 0; without a clamp x starts at the silhouette's
     lower edge), z is the thickness axis pointing towards the camera with the mid-plane at z = 0, y completes a
@@ -165,6 +178,41 @@ class Body:
     def volume_m3(self) -> float:
         """Volume [m^3]."""
         return float((self.inside * 2 * self.half_thickness).sum() * self.pitch_m**2)
+
+    @property
+    def part_volumes_m3(self) -> np.ndarray:
+        """Volume of each part [m^3], shape (n,)."""
+        return np.bincount(self.front.part - 1, self.front.volume, self.parts)
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass [kg]."""
+        return float((self.density[self.part - 1] * self.half_thickness * self.inside).sum() * 2 * self.pitch_m**2)
+
+    @property
+    def silhouette_m2(self) -> float:
+        """Area that it covers across its thickness [m^2]."""
+        return float(self.inside.sum()) * self.pitch_m**2
+
+    @property
+    def sides_m(self) -> np.ndarray:
+        """Sides of its bounding box along the axes of its frame [m], shape (3,)."""
+        used = [np.flatnonzero(self.inside.any(1 - axis)) for axis in (0, 1)]
+        return np.array([*(self.pitch_m * (u[-1] - u[0] + 1) for u in used), 2 * float(self.half_thickness[self.inside].max())])
+
+    @cached_property
+    def front(self) -> Front:
+        """What a camera sees of it."""
+        i, j = np.nonzero(self.inside)
+        flat, half = self.origin + self.pitch_m * np.stack([i, j], -1), self.half_thickness[i, j]
+        return Front(np.concatenate([flat, half[:, None]], 1), 2 * half * self.pitch_m**2, self.part[i, j].astype(int))
+
+    def with_parts(self, part: np.ndarray, density: np.ndarray, poisson: np.ndarray) -> Body:
+        """The body with other parts: their numbers 1..n, or 0 where it is that of the nearest, on the pieces of the front (C,); density
+        [kg/m^3] and Poisson's ratio of each, (n,)."""
+        known = np.zeros(self.part.shape, np.uint8)
+        known[np.nonzero(self.inside)] = part
+        return replace(self, part=nearest_known(known, known > 0), density=density, poisson=poisson)
 
     def to_body(self, points: np.ndarray) -> np.ndarray:
         """Body coordinates (..., 3) of world points (..., 3)."""

@@ -15,8 +15,8 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "footprints", "types", "config", "devices", "progress", "linear_systems", "rotations"}
-SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes", "inpaint"}  # what several stages need alike; imports the ground alone
+GROUND = {"errors", "footprints", "types", "config", "devices", "progress", "linear_systems", "rotations", "inpaint"}
+SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}
@@ -26,7 +26,8 @@ OUTPUT = FILES | {"folder", "result", "report", "score"}
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "footprints": {"errors"},
-    "types": {"errors", "footprints"},
+    "inpaint": set(),
+    "types": {"errors", "footprints", "inpaint"},
     "config": {"errors"},
     "devices": {"errors"},
     "progress": set(),

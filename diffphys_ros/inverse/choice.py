@@ -11,6 +11,7 @@ import torch
 from ..types import Recovery, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
+from .evidence import Moved
 from .fit import Fitted
 from .loss import Terms
 from .posterior import Confidence, Explained, of_answer
@@ -27,9 +28,9 @@ class Candidate:
 
 
 def _candidate(problem: Problem, core: Core) -> Candidate:
-    simulator = problem.forward.simulator
-    x, F = simulator.x_rest + simulator.tensor(core.displacement), simulator.tensor(core.F)
-    return Candidate(core, problem.objective.misfit(x, F), problem.objective.track_rms(x))
+    forward, tensor = problem.forward, problem.forward.simulator.tensor
+    moved = Moved(forward.simulator.x_rest + tensor(core.displacement), tensor(core.F), forward.density_of(tensor(core.force), core.field_force))
+    return Candidate(core, problem.objective.misfit(moved), problem.objective.track_rms(moved.x))
 
 
 def answered(fitted: Fitted, clock: Clock) -> Recovery:

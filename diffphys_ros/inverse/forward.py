@@ -29,12 +29,13 @@ class Motion:
 
     x: torch.Tensor  # positions [m], (T, P, 3)
     F: torch.Tensor  # deformation gradients since frame 0, (T, P, 3, 3)
+    force: torch.Tensor  # all of it, density [N/m^3], (T - 1, P, 3)
     unknowns: Unknowns
     start: State  # frame 0
     young: torch.Tensor  # as simulated [Pa], (P,)
     poisson: torch.Tensor  # as simulated, (P,)
     density: torch.Tensor | None = None  # as simulated [kg/m^3], (P,); None: that of the particles
-    field_force: torch.Tensor | None = None  # on top of the family's [N/m^3], (T - 1, P, 3)
+    field_force: torch.Tensor | None = None  # its share on top of the family's [N/m^3], (T - 1, P, 3)
 
     @property
     def displacement(self) -> torch.Tensor:
@@ -167,7 +168,13 @@ class ForwardModel:
 
         states = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
         since0 = states.F @ torch.linalg.inv(start.F)[None]
-        return Motion(states.x, since0, unknowns, start, young, poisson, self._density(unknowns), torch.stack(acted) if acted else None)
+        of_field = torch.stack(acted) if acted else None
+        return Motion(states.x, since0, self.density_of(unknowns.force, of_field), unknowns, start, young, poisson, self._density(unknowns), of_field)
+
+    def density_of(self, force: torch.Tensor, of_field: torch.Tensor | np.ndarray | None = None) -> torch.Tensor:
+        """Force density (T - 1, P, 3) [N/m^3] of the family's amplitudes (T, 3) and a field (T - 1, P, 3) on top of it."""
+        family = force[:-1, None, :] * self.weights[None, :, None]
+        return family if of_field is None else family + torch.as_tensor(of_field).to(family)
 
     def _poisson(self, unknowns: Unknowns, of_field: torch.Tensor | None) -> torch.Tensor:
         if of_field is not None:
@@ -202,12 +209,11 @@ class ForwardModel:
         report: Callable[[float], None] | None = None,
     ) -> State:
         """States at all frames under the force and damping of the unknowns."""
-        force = unknowns.force[:-1, None, :] * self.weights[None, :, None]
         return simulator.rollout(
             start,
             young,
             poisson,
-            force,
+            self.density_of(unknowns.force),
             unknowns.mass_damping,
             density=self._density(unknowns),
             push=push,

@@ -47,7 +47,8 @@ class LinearModel:
             report(1.0)
         displacement, gradient = (torch.tensordot(q - q[:1], shape, ([1], [shape.ndim - 1])).to(simulator.x_rest) for shape in (self.basis, self.basis_gradient))
         start = simulator.rest(v=(self.basis @ unknowns.initial_velocity.to(**DOUBLE)).to(simulator.x_rest))
-        return Motion(simulator.x_rest + displacement, gradient + torch.eye(3, **simulator.options), unknowns, start, young, self.forward.poisson)
+        force = self.forward.density_of(unknowns.force)
+        return Motion(simulator.x_rest + displacement, gradient + torch.eye(3, **simulator.options), force, unknowns, start, young, self.forward.poisson)
 
     def coordinates(self, unknowns: Unknowns) -> torch.Tensor:
         """Basis coordinates (T, r) at the frames, as `ModalModel.respond` has them, with derivatives. By the exponential of the state's

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 
 from ..particles import Binding
-from .evidence import Evidence
+from .evidence import Evidence, Moved
 from .forward import Motion
 from .observed import TrackTarget
 from .prior import Prior
@@ -41,7 +41,7 @@ class Objective:
 
     def terms(self, z: torch.Tensor, motion: Motion, kinds: Collection[str]) -> Terms:
         """The loss of a motion and of the unknowns z (size,) that it belongs to, by evidence of these kinds."""
-        weighted = self.misfits(motion.x, motion.F, kinds) | {"prior": self.prior.value(z)}
+        weighted = self.misfits(Moved(motion.x, motion.F, motion.force), kinds) | {"prior": self.prior.value(z)}
         return Terms(motion, _sum(weighted), {name: float(v.detach()) for name, v in weighted.items()})
 
     def failed(self, why: str) -> Terms:
@@ -49,14 +49,14 @@ class Objective:
         self.failures.append(why)
         return Terms(None, torch.tensor(float("inf")))
 
-    def misfits(self, x: torch.Tensor, F: torch.Tensor, kinds: Collection[str]) -> dict[str, torch.Tensor]:
-        """Weighted misfits by name of particles x (T, P, 3) [m], F (T, P, 3, 3) since frame 0, body frame, whatever moved them."""
-        return {name: value for kind, term in self.evidence.items() if kind in kinds for name, value in term(x, F).items()}
+    def misfits(self, moved: Moved, kinds: Collection[str]) -> dict[str, torch.Tensor]:
+        """Weighted misfits by name."""
+        return {name: value for kind, term in self.evidence.items() if kind in kinds for name, value in term(moved).items()}
 
-    def misfit(self, x: torch.Tensor, F: torch.Tensor) -> float:
-        """How badly a motion (see `misfits`) explains the clip; that of a better explanation is lower."""
+    def misfit(self, moved: Moved) -> float:
+        """How badly a motion explains the clip; that of a better explanation is lower."""
         with torch.no_grad():
-            return float(_sum(self.misfits(x, F, tuple(self.evidence))))
+            return float(_sum(self.misfits(moved, tuple(self.evidence))))
 
     def track_loss(self, x: torch.Tensor) -> float:
         """TrackTarget.loss of particles x (T, P, 3) [m], whatever tracks weigh."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..config import Scene
-from ..inpaint import nearest_known
 from ..types import Body, Camera, MaterialPrior
 
 LEAST_SHARE = 0.015  # of the body that a part must hold
@@ -25,16 +24,15 @@ def parted(body: Body, prior: MaterialPrior, camera: Camera) -> Body:
     """The body with the prior's materials for parts, where no parts were seen; 1 at the clamp, without one the largest first."""
     if body.parts > 1:
         return body
-    i, j, index = _materials(prior, body, camera)
-    share = np.bincount(index, body.half_thickness[i, j], len(prior.name)) / body.half_thickness[i, j].sum()
-    kept = sorted(np.flatnonzero(share > LEAST_SHARE), key=lambda k: i[index == k].min() if body.clamped else -share[k])
+    front, index = body.front, _materials(prior, body, camera)
+    share = np.bincount(index, front.volume, len(prior.name)) / front.volume.sum()
+    kept = sorted(np.flatnonzero(share > LEAST_SHARE), key=lambda k: front.points[index == k, 0].min() if body.clamped else -share[k])
     if len(kept) < 2:
         return body
-    part = np.zeros(body.part.shape, np.uint8)
-    for number, k in enumerate(kept):
-        part[i[index == k], j[index == k]] = number + 1
+    number = np.zeros(len(prior.name), int)
+    number[kept] = np.arange(len(kept)) + 1
     density, poisson = (np.repeat(value, len(kept)) for value in (body.density, body.poisson))
-    return replace(body, part=nearest_known(part, part > 0), density=density, poisson=poisson, sources=body.sources | {"parts": prior.source})
+    return replace(body.with_parts(number[index], density, poisson), sources=body.sources | {"parts": prior.source})
 
 
 def of_parts(prior: MaterialPrior, body: Body, camera: Camera) -> Belief:
@@ -53,7 +51,7 @@ def believed(body: Body, prior: MaterialPrior, camera: Camera, scene: Scene) -> 
     share, sources = _shares(prior, body, camera), dict(body.sources)
     density, poisson = body.density, body.poisson
     if scene.density_kg_m3 is None:
-        density, source = part_densities(replace(scene, density_kg_m3=list(share @ prior.density)), _volumes(body).sum((1, 2)))
+        density, source = part_densities(replace(scene, density_kg_m3=list(share @ prior.density)), body.part_volumes_m3)
         sources["density"] = source.replace("density_kg_m3", prior.source, 1)
     if scene.poisson_ratio is None:
         poisson, sources["poisson_ratio"] = share @ prior.poisson, prior.source
@@ -68,20 +66,13 @@ def on_points(prior: MaterialPrior, body: Body, camera: Camera, points: np.ndarr
 
 def _shares(prior: MaterialPrior, body: Body, camera: Camera) -> np.ndarray:
     """Share of each part's volume that each material has, (n, K); of the whole body's for a part without volume."""
-    i, j, index = _materials(prior, body, camera)
-    volumes = _volumes(body)[:, i, j] @ np.eye(len(prior.name))[index]
+    front, index = body.front, _materials(prior, body, camera)
+    volumes = np.zeros((body.parts, len(prior.name)))
+    np.add.at(volumes, (front.part - 1, index), front.volume)
     volumes = np.where(volumes.sum(1, keepdims=True) > 0, volumes, volumes.sum(0))
     return volumes / volumes.sum(1, keepdims=True)
 
 
-def _materials(prior: MaterialPrior, body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Raster cells of the body, as two index arrays, and the material that each one's front is seen in."""
-    i, j = np.nonzero(body.inside)
-    flat = body.origin + body.pitch_m * np.stack([i, j], -1)
-    front = np.concatenate([flat, body.half_thickness[i, j, None]], 1)
-    return i, j, prior.at(camera, body.to_world(front))
-
-
-def _volumes(body: Body) -> np.ndarray:
-    """Volume of every raster cell, part by part [m^3], (n, nx, ny)."""
-    return np.stack([(body.inside & (body.part == k + 1)) * 2 * body.half_thickness for k in range(body.parts)]) * body.pitch_m**2
+def _materials(prior: MaterialPrior, body: Body, camera: Camera) -> np.ndarray:
+    """The material that each piece of the body's front is seen in, (C,)."""
+    return prior.at(camera, body.to_world(body.front.points))

@@ -86,7 +86,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
     renderer = None if splats is None else _renderer(prepared, disc, splats, device)
     binding = bind(target.rest_points, disc.particles.x_rest)
-    told = Told(prepared, settings.experiment, forward.simulator.x_rest, target, binding, renderer, plan.image_every)
+    told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
     prior = Prior.of(layout, start, start_scale=start_scale, precision=precision)

@@ -119,8 +119,7 @@ def make_plan(
 
 def _without_simulation(plan: Plan, body: Body, why: str) -> Plan:
     """The start values as the answer, on particles that only show it: no more than SHOWN_COLUMNS over the silhouette."""
-    area = float(body.inside.sum()) * body.pitch_m**2
-    dx = max(plan.dx, plan.per_cell * (area / SHOWN_COLUMNS) ** 0.5)
+    dx = max(plan.dx, plan.per_cell * (body.silhouette_m2 / SHOWN_COLUMNS) ** 0.5)
     return replace(plan, dx=dx, cells=_thickness(body) / dx, iterations=0, refusal=f"not simulated: {why}")
 
 
@@ -208,7 +207,7 @@ def _sparse_grids(body: Body, experiment: Experiment, cells: float, dense: int) 
 
 
 def _thickness(body: Body) -> float:
-    return float(2 * body.half_thickness[body.inside].max())
+    return float(body.sides_m[2])
 
 
 def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: float, settings: Settings, device: str, ahead: float) -> Plan:

@@ -31,7 +31,7 @@ def dense_points(body: Body, surface: np.ndarray) -> DensePoints:
     """
     if not len(surface):
         raise InputError("experiment.downsample_ratio: there are 0 Gaussians to take a share of, needs at least 1; set it to 0 for particles on a lattice")
-    spacing = float(np.sqrt(body.inside.sum() / len(surface))) * body.pitch_m
+    spacing = float(np.sqrt(body.silhouette_m2 / len(surface)))
     interior = fill(body, spacing, 1.0)
     own = interior.own
     distance, nearest = cKDTree(interior.x_rest[own]).query(surface)

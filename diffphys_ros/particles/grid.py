@@ -46,7 +46,5 @@ def spacing_of_nodes(body: Body, nodes: int, reach_m: float) -> float:
 
     reach_m: how far its particles move at most [m], as `fit_grid` takes it.
     """
-    used = [np.flatnonzero(body.inside.any(1 - axis)) for axis in (0, 1)]
-    length, width = (body.pitch_m * (u[-1] - u[0] + 1) for u in used)
-    sides = [length + (1 if body.clamped else 2) * reach_m, width + 2 * reach_m, 2 * float(body.half_thickness.max()) + 2 * reach_m]
+    sides = body.sides_m + reach_m * np.array([1 if body.clamped else 2, 2, 2])
     return float(max(sides) / (nodes - 2 * MARGIN_CELLS - 4))

@@ -168,8 +168,7 @@ class Evidence:
         q, known = self.motion.coordinates, self.motion.known
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
         acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
-        mass = float((self.body.density[self.body.part - 1] * self.body.half_thickness * self.body.inside).sum() * 2 * self.body.pitch_m**2)
-        unit = max(float(acceleration), 1e-6) * mass / self.body.volume_m3
+        unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
         allowed = self.support.allowed if self.support.has_free_tail else np.ones(len(q), bool)
         seen = Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)

@@ -205,12 +205,10 @@ def _believed(zoned: Body, division: Division, pattern: Callable[[np.ndarray], n
     """Mean over each zone's volume of the logarithm of what is believed, (K,); zeros where nothing is."""
     if pattern is None:
         return np.zeros(division.count)
-    i, j = np.nonzero(zoned.inside)
-    flat = zoned.origin + zoned.pitch_m * np.stack([i, j], -1)
-    height = zoned.half_thickness[i, j]
-    log_young = np.log(pattern(np.concatenate([flat, height[:, None]], 1)))
-    zone = division.zone[i, j].astype(int) - 1
-    return np.bincount(zone, height * log_young, division.count) / np.maximum(np.bincount(zone, height, division.count), 1e-300)
+    front = zoned.front
+    log_young = np.log(pattern(front.points))
+    zone = division.zone[zoned.cell_of(front.points)].astype(int) - 1
+    return np.bincount(zone, front.volume * log_young, division.count) / np.maximum(np.bincount(zone, front.volume, division.count), 1e-300)
 
 
 def _outside_variance(body: Body, tracks: Tracks, division: Division, settings: Settings) -> np.ndarray:

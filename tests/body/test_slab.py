@@ -249,3 +249,23 @@ def test_a_part_without_cells_is_refused_by_its_number(clip: Clip) -> None:
     labels[:, labels[0] > 0] += 1  # no pixel is left to part 1
     with pytest.raises(InputError, match=r"part 1 of \d covers no cell of the object"):
         build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())
+
+
+def test_front_sides_and_mass_are_those_of_the_solid(clip) -> None:
+    body = replace(solid(clip, bar_settings()), density=np.array([800.0, 1200.0]))
+    front, (low, high) = body.front, edges(body)
+    np.testing.assert_allclose(body.sides_m[:2], high - low, atol=3 * body.pitch_m)
+    assert front.volume.sum() == pytest.approx(body.volume_m3)
+    assert front.points[:, 2].max() == pytest.approx(body.sides_m[2] / 2)
+    np.testing.assert_array_equal(body.part_at(front.points), front.part)
+    assert body.mass_kg == pytest.approx(body.density @ [front.volume[front.part == k].sum() for k in (1, 2)])
+
+
+def test_parts_given_on_the_front_reach_to_the_nearest_unknown(clip) -> None:
+    body = solid(clip, bar_settings())
+    x = body.front.points[:, 0]
+    number = np.where(x < 0.03, 2, np.where(x > 0.06, 1, 0))
+    other = body.with_parts(number, np.array([900.0, 1000.0]), np.array([0.3, 0.4]))
+    far = np.abs(x - 0.045) > 2 * body.pitch_m
+    np.testing.assert_array_equal(other.front.part[far], np.where(x < 0.045, 2, 1)[far])
+    np.testing.assert_array_equal(other.inside, body.inside)

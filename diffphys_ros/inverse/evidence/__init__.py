@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .pixels import pixel_evidence
-from .told import Evidence, Told
+from .told import Evidence, Moved, Told
 from .tracks import track_evidence
 
 EVIDENCE: dict[str, Callable[[Told], Evidence | None]] = {"tracks": track_evidence, "pixels": pixel_evidence}
 
-__all__ = ["EVIDENCE", "Evidence", "Told"]
+__all__ = ["EVIDENCE", "Evidence", "Moved", "Told"]

@@ -12,7 +12,7 @@ from ...render import window_around
 from ...types import Clip, object_mask
 from ..carried import CarriedGaussians
 from ..prepared import Prepared
-from .told import Evidence, Told
+from .told import Evidence, Moved, Told
 
 MARGIN_PX = 8  # of the rendered window around the object
 BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what the scene behind the object looks like
@@ -39,8 +39,8 @@ def pixel_evidence(told: Told) -> Evidence | None:
     term = ImageTerm(told.prepared, told.shown, every=told.every, ssim_weight=w.ssim_weight, with_depth=with_depth)
     term.calibrate(told.x_rest)
 
-    def misfit(x: torch.Tensor, F: torch.Tensor) -> dict[str, torch.Tensor]:
-        image, depth = term(x, F, told.target.mean_square)
+    def misfit(moved: Moved) -> dict[str, torch.Tensor]:
+        image, depth = term(moved.x, moved.F, told.target.mean_square)
         return {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
 
     return misfit

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from .told import Evidence, Told
+from .told import Evidence, Moved, Told
 
 
 def track_evidence(told: Told) -> Evidence:
     """Misfit of the tracks."""
 
-    def misfit(x: torch.Tensor, F: torch.Tensor) -> dict[str, torch.Tensor]:
-        return {"track": told.weights.track_weight * told.target.loss(told.binding.apply(x - x[:1])).double()}
+    def misfit(moved: Moved) -> dict[str, torch.Tensor]:
+        return {"track": told.weights.track_weight * told.target.loss(told.binding.apply(moved.x - moved.x[:1])).double()}
 
     return misfit
