@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,14 +24,12 @@ CUT, STUCK = slice(14, 22), slice(12, 18)  # frames that are missing under conti
 Shown = tuple[np.ndarray, np.ndarray]  # frames (T, H, W, 3) and depth (T, H, W) [m]
 
 
-def in_fading_light(source: Path, folder: Path) -> Path:
-    """The clip of a bundled folder with light that fades on the object, not on the room; its truth and given.yaml beside it."""
-    clip = read_clip(source / "clip.mcap", config.Settings())
-    with np.load(source / "truth.npz") as truth:
-        mask = np.unpackbits(truth["mask"])[: truth["mask_shape"].prod()].reshape(truth["mask_shape"]).astype(bool)
+def in_fading_light(clip: Clip, truth: Path) -> Clip:
+    """The clip with light that fades on the object, which a truth.npz tells from the room."""
+    with np.load(truth) as told:
+        mask = np.unpackbits(told["mask"])[: told["mask_shape"].prod()].reshape(told["mask_shape"]).astype(bool)
     light = np.interp(np.arange(len(clip)), FADES, (1.0, LEFT))[:, None, None, None]
-    shown = np.where(mask[..., None], (clip.frames * light).astype(np.uint8), clip.frames)
-    return _written(source, folder, clip, shown, clip.depth)
+    return replace(clip, frames=np.where(mask[..., None], (clip.frames * light).astype(np.uint8), clip.frames))
 
 
 def panned(clip: Clip) -> Shown:
@@ -62,13 +61,9 @@ def stuck(clip: Clip) -> Shown:
 def changed(source: Path, folder: Path, change: Callable[[Clip], Shown]) -> Path:
     """The clip of a bundled folder as `change` makes it; given.yaml and mask beside it."""
     clip = read_clip(source / "clip.mcap", config.Settings())
-    return _written(source, folder, clip, *change(clip))
-
-
-def _written(source: Path, folder: Path, clip: Clip, frames: np.ndarray, depth: np.ndarray | None) -> Path:
+    frames, depth = change(clip)
     assert depth is not None
     write_recording(folder / "clip.mcap", clip_messages(clip.camera, frames, depth))
-    for name in ("given.yaml", "mask0.png", "truth.npz"):
-        if (source / name).exists():
-            shutil.copy(source / name, folder / name)
+    for name in ("given.yaml", "mask0.png"):
+        shutil.copy(source / name, folder / name)
     return folder

@@ -8,7 +8,7 @@ knows how the answer is found, so that the gates survive when that is written an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,36 +51,33 @@ class Answer:
 Recover = Callable[..., Answer]
 
 
-@pytest.fixture(scope="session")
-def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """folder_of("strip") -> folder with clip.mcap, given.yaml and truth.npz: a bundled clip, one of the tests' own, or one made from these."""
-    made: dict[str, Path] = {"flat": Path(__file__).parent / "flat"}
-
-    def folder(kind: str) -> Path:
-        if kind == "fading" and kind not in made:
-            made[kind] = in_fading_light(sample_folder("strip"), tmp_path_factory.mktemp(kind))
-        return made[kind] if kind in made else sample_folder(kind)
-
-    return folder
+def folder_of(kind: str) -> Path:
+    """folder_of("strip") -> folder with clip.mcap, given.yaml and truth.npz: a bundled clip, or one of the tests' own."""
+    if kind == "flat":
+        return Path(__file__).parent / "flat"
+    return sample_folder("strip" if kind == "fading" else kind)
 
 
 @pytest.fixture(scope="session")
-def ingested(tmp_path_factory: pytest.TempPathFactory, folder_of: Callable[[str], Path]) -> Callable[[str], Path]:
-    """ingested("strip") -> its clip.npz, from which the solver goes on."""
+def ingested(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """ingested("strip") -> its clip.npz, from which the solver goes on. "fading" is the strip's with light that goes."""
     prepared: dict[str, Path] = {}
 
     def ingest(kind: str) -> Path:
-        if kind not in prepared:
-            prepared[kind] = tmp_path_factory.mktemp(kind) / "clip.npz"
-            folder = folder_of(kind)
+        if kind in prepared:
+            return prepared[kind]
+        folder, prepared[kind] = folder_of(kind), tmp_path_factory.mktemp(kind) / "clip.npz"
+        if kind != "fading":
             assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(prepared[kind])]) == 0
-        return prepared[kind]
+            return prepared[kind]
+        sound, settings = result.load_prepared(ingest("strip")), config.layered((), {}, base=result.stored_settings(ingest("strip")))
+        return result.save_prepared(prepared[kind], replace(sound, clip=in_fading_light(sound.clip, folder / "truth.npz")), settings)
 
     return ingest
 
 
 @pytest.fixture(scope="session")
-def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path], folder_of: Callable[[str], Path]) -> Recover:
+def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path]) -> Recover:
     """recovered("strip", "--experiment.image_weight", "0") -> Answer; equal words are recovered once."""
     answers: dict[tuple[str, ...], Answer] = {}
 

@@ -17,10 +17,10 @@ from . import clips
 
 @pytest.fixture
 def prepared(tmp_path: Path, half_sample: Path) -> Callable[..., Prepared]:
-    """The bar's clip, changed, as the start of a fit; at half its size where no `source` is given."""
+    """The bar's clip at half its size, changed, as the start of a fit."""
 
-    def prepare(change: Callable, *flags: str, source: Path = half_sample) -> Prepared:
-        folder, out = clips.changed(source, tmp_path, change), tmp_path / "clip.npz"
+    def prepare(change: Callable, *flags: str) -> Prepared:
+        folder, out = clips.changed(half_sample, tmp_path, change), tmp_path / "clip.npz"
         assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out), *flags]) == 0
         return result.load_prepared(out)
 

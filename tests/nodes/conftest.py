@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from .domains import claimed
+from .processes import FIT_S, Domain
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -48,9 +49,9 @@ def domain() -> Iterator[int]:
         yield number
 
 
-@contextmanager
-def making(domain: int) -> Iterator[Callable[..., Any]]:
-    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot); they end with the context."""
+@pytest.fixture
+def make_node(domain: int) -> Iterator[Callable[..., Any]]:
+    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot)."""
     made: list[Any] = []
 
     def make(cls: Callable[[], Any], **parameters: object) -> Any:
@@ -59,24 +60,16 @@ def making(domain: int) -> Iterator[Callable[..., Any]]:
         made.append(cls())
         return made[-1]
 
-    try:
-        yield make
-    finally:
-        for node in made:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-
-
-@pytest.fixture
-def make_node(domain: int) -> Iterator[Callable[..., Any]]:
-    with making(domain) as make:
-        yield make
+    yield make
+    for node in made:
+        node.close()
+        node.destroy_node()
+    rclpy.try_shutdown()
 
 
 @dataclass(frozen=True)
 class Resumed:
-    """A fit of one fit_node with a bag that was cancelled after an iteration and called again."""
+    """What became of a fit by a process of fit_node with a bag that was cancelled after an iteration and called again."""
 
     out: Path
     config: str  # files of settings, as a parameter of any node
@@ -85,49 +78,41 @@ class Resumed:
     force_so_far: list[Any]  # messages of both
     run: str  # name of the second
     quality: Any  # that it published
-    again: list[tuple[bool, str]]  # what ~/fit answers then: as it is, without the result, with another setting
+    again: list[tuple[bool, str]]  # what ~/fit answers then: as it is, and without the result
+    status: int  # of the process, which was ended while it played
 
 
 @pytest.fixture(scope="session")
-def resumed(half_sample: Path, domain: int, tmp_path_factory: pytest.TempPathFactory) -> Resumed:
-    from rclpy.parameter import Parameter
-
-    from diffphys_ros.nodes.fit_node import FitNode
-
+def resumed(half_sample: Path, tmp_path_factory: pytest.TempPathFactory) -> Resumed:
     from .robot import Robot
 
-    folder = tmp_path_factory.mktemp("resumed")
+    folder, context = tmp_path_factory.mktemp("resumed"), rclpy.Context()
     few, out = folder / "few.yaml", folder / "out"
     few.write_text(FEW)
     files = f"[{half_sample / 'given.yaml'}, {few}]"
-    with making(domain) as make:
-        robot = Robot(make(FitNode, bag=half_sample / "clip.mcap", config=files, out=out, resume=True))
+    with Domain(folder) as domain:
+        rclpy.init(context=context, domain_id=int(domain.environment["ROS_DOMAIN_ID"]))
+        robot = Robot(context=context)
         robot.listen("~/progress")
         robot.listen("~/force_so_far")
         robot.listen("~/quality")
-        robot.until(lambda: robot.fits(1))
+        domain.node("fit_node", bag=half_sample / "clip.mcap", config=files, out=out, resume=True)
+        robot.until(lambda: robot.fits(1), FIT_S)
         assert robot.call("cancel").success
-        robot.until(lambda: robot.node.state == "cancelled")
+        robot.until(lambda: "cancelled" in robot.stages())
         left = sorted(path.name for path in out.iterdir())
         robot.heard["~/progress"].clear()
         assert robot.call("fit").success
-        robot.until(lambda: robot.node.state == "done")
-        run, iterations = robot.node.run, robot.iterations()
-        again = [called(robot)]
+        robot.until(lambda: "done: results in" in domain.said("fit_node"), FIT_S)
+        robot.until(lambda: robot.heard["~/quality"])
+        iterations, run = robot.iterations(), robot.progress()[-1]["run"]
+        again = [robot.call("fit")]
         (out / "recovery.npz").rename(out / "elsewhere.npz")
-        again.append(called(robot))
+        again.append(robot.call("fit"))
+        assert robot.call("cancel").success
+        robot.until(lambda: "cancelled" in robot.stages())
         (out / "elsewhere.npz").rename(out / "recovery.npz")
-        robot.node.state, robot.node.begun_with = "done", robot.node._given()
-        robot.node.set_parameters_atomically([Parameter("scene.thickness_m", value=0.06)])
-        again.append(called(robot))
         robot.close()
-    return Resumed(out, files, left, iterations, robot.heard["~/force_so_far"], run, robot.heard["~/quality"][-1], again)
-
-
-def called(robot: Any) -> tuple[bool, str]:
-    """What ~/fit answers; a fit that it begins is ended."""
-    answer = robot.call("fit")
-    if robot.node.worker.busy:
-        robot.call("cancel")
-        robot.until(lambda: not robot.node.worker.busy)
-    return answer.success, answer.message
+        rclpy.try_shutdown(context=context)
+        answers = [(each.success, each.message) for each in again]
+        return Resumed(out, files, left, iterations, robot.heard["~/force_so_far"], run, robot.heard["~/quality"][-1], answers, domain.end("fit_node", signal.SIGINT))

@@ -17,6 +17,7 @@ from .domains import claimed
 
 ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
 PATIENCE_S = 120.0  # for what takes seconds, on however busy a machine; then something hangs
+FIT_S = 400.0  # for a fit, with every kernel compiled for the first time
 
 
 def environment(domain: int) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What a robot does with fit_node, in this process."""
+"""What a robot does with fit_node, which runs in this process or in one of its own."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .processes import PATIENCE_S
 
 
 class Robot:
-    """A node that subscribes to fit_node and calls its services, spun together with it."""
+    """A node that subscribes to fit_node and calls its services; spun together with it where it is given."""
 
-    def __init__(self, node: FitNode) -> None:
-        self.node, self.me, self.heard = node, rclpy.create_node("robot"), {}
-        self.executor = SingleThreadedExecutor()
-        for each in (node, self.me):
+    def __init__(self, node: FitNode | None = None, *, context: rclpy.Context | None = None) -> None:
+        self.node, self.me, self.heard = node, rclpy.create_node("robot", context=context), {}
+        self.executor = SingleThreadedExecutor(context=context)
+        for each in filter(None, (node, self.me)):
             self.executor.add_node(each)
 
     def listen(self, name: str) -> None:
@@ -32,7 +32,7 @@ class Robot:
     def until(self, condition, timeout_s: float = PATIENCE_S) -> None:
         end = time.monotonic() + timeout_s
         while not condition():
-            assert time.monotonic() < end, f"state {self.node.state}"
+            assert time.monotonic() < end, f"waited in vain; heard {self.stages()[-3:]}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def call(self, service: str):
@@ -43,7 +43,7 @@ class Robot:
         return future.result()
 
     def progress(self) -> list[dict[str, str]]:
-        return [messages.values_of(m.status[0]) for m in self.heard["~/progress"]]
+        return [messages.values_of(m.status[0]) for m in self.heard.get("~/progress", ())]
 
     def stages(self) -> list[str]:
         return [values["stage"] for values in self.progress()]

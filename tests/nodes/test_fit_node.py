@@ -1,4 +1,4 @@
-"""Claims about fit_node's services and its answers to bad input, in this process."""
+"""Claims about fit_node's services and its answers to bad input."""
 
 from __future__ import annotations
 
@@ -75,12 +75,11 @@ def test_result_and_quality_carry_the_run_and_whose_camera_saw_it(resumed):
     assert resumed.quality.header.frame_id == "world"
 
 
-def test_nothing_is_done_twice_and_a_lost_result_or_another_setting_begins_anew(resumed):
-    stands, lost, other = resumed.again
+def test_nothing_is_done_twice_and_where_the_result_is_lost_a_fit_begins_anew(resumed):
+    stands, lost = resumed.again
     assert stands == (True, f"run {resumed.run} stands: nothing has changed since; ~/reset forgets it")
-    for success, words in (lost, other):
-        assert success
-        assert re.fullmatch(r"run [0-9a-f]{8} begun", words)
+    assert lost[0]
+    assert re.fullmatch(r"run [0-9a-f]{8} begun", lost[1])
 
 
 def test_the_last_force_so_far_is_that_of_the_answer(resumed):
@@ -88,6 +87,10 @@ def test_the_last_force_so_far_is_that_of_the_answer(resumed):
     rows = clouds.particles(resumed.force_so_far[-1 if metrics["refined"] else 0], clouds.FORCE)  # the start is the answer where none is nearer
     so_far, answer = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), result.load(resumed.out)
     np.testing.assert_allclose(so_far, answer.net_force(), atol=0.02 * np.abs(so_far).max())
+
+
+def test_it_ends_with_status_0_while_it_plays(resumed):
+    assert resumed.status == 0
 
 
 def test_a_recording_that_cannot_be_read_is_said_in_quality_and_the_node_lives_on(robot, tmp_path, capfd):

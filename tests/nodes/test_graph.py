@@ -1,4 +1,4 @@
-"""Claims about the whole job as real processes: five nodes fed by a sixth process, against one node with a bag."""
+"""Claims about the whole job as real processes: five nodes fed by a sixth process, against one with a bag."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ import pytest
 
 from diffphys_ros.result import METRICS, RECOVERY
 
-from .processes import Domain
+from .processes import FIT_S, Domain
 
-FIT_S = 400.0  # with every kernel compiled for the first time
 WITH_RERUN = find_spec("rerun") is not None
 ANSWER = ("splats", "~/material_field", "~/force_field", "~/quality")
 
