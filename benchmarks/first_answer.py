@@ -19,14 +19,12 @@ import numpy as np
 
 def answer(told: dict[str, Any]) -> dict[str, Any]:
     """What the start values and the doubts about clock and rest say of `told`: body, tracks, period_s [s], settings, camera, belief."""
-    from diffphys_ros.start import start_values
-    from diffphys_ros.start.no_free_tail import joint_values
+    from diffphys_ros.start import joint_values, joint_wanted, start_values
 
     body, tracks, period_s, settings, camera, belief = (told[name] for name in ("body", "tracks", "period_s", "settings", "camera", "belief"))
     start, modal = start_values(body, tracks, period_s, settings, camera=camera, belief=belief)
-    schedule = settings.experiment.schedule
-    if schedule == "joint" or (schedule == "auto" and not start.has_free_tail):
-        start = joint_values(body, tracks, period_s, start, modal, camera=camera, believed=belief is not None)
+    if joint_wanted(start, settings):
+        start = joint_values(body, tracks, period_s, settings, start, modal, camera=camera, believed=belief is not None)
     return {
         "log10_young": np.log10(start.young).tolist(),
         "sd": start.log10_young_sd.tolist(),

@@ -43,8 +43,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     from ..body import build_body
     from ..depth import placed, surface_depth
     from ..prior import believing
-    from ..start import start_values
-    from ..start.no_free_tail import joint_values
+    from ..start import joint_values, joint_wanted, start_values
     from ..tracks import follow
     from .doubts import doubts_of
     from .zones import zones_of
@@ -73,10 +72,9 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         yield Progress("body", text=describe_prior(prior))
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
     start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief, guess_scale=guess_scale)
-    schedule = settings.experiment.schedule
-    if schedule == "joint" or (schedule == "auto" and not start.has_free_tail):
+    if joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
-        start = joint_values(body, tracks, clip.period_s, start, modal, camera=clip.camera, believed=belief is not None)
+        start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
     doubts = doubts_of(clip, tracks, body, start, settings)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
     yield Progress("modes", text=describe_start(start))

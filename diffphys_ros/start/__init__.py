@@ -1,9 +1,9 @@
 """The first answer, by the linear engine alone: Young's modulus per part, damping and force.
 
-Reading order: free_tail (stiffness from the motion after the force), force, uncertainty, values (all of it); no_free_tail (force and
-stiffness together); zone_layout and zones (a modulus per zone).
+Reading order: evidence, free_tail (the problem of the free frames), force (the problem of all frames), stages (what is fitted after what),
+uncertainty, values (all of it); zone_layout and zones (a modulus per zone).
 """
 
-from .values import start_values
+from .values import joint_values, joint_wanted, start_values
 
-__all__ = ["start_values"]
+__all__ = ["joint_values", "joint_wanted", "start_values"]

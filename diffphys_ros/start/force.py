@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +29,19 @@ MOST_EDGE = 3  # frames that may join at an end
 REFINEMENTS = 8  # steps of the fit to all frames
 CENTRES = (6, 3)  # of the search over footprints, along and across the body
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
+NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, same unit: half of the least that is tried; hardly to be told from uniform
+PROMISING = 0.5  # of the drop of cost that a footprint needs: with less at its best start the search is not begun
+FIRST_MOVES = (0.06, 0.06, 0.25)  # of the search: centre, over the body's length, and log width; less than the starts lie apart
+FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends, of the length and of the cost
+SINGULAR = 1e-12  # added to the normal equations, whose diagonal the priors keep at 0.1 or more: what nothing tells stays zero
+
+
+Believed = Callable[[np.ndarray], np.ndarray]
+
+
+def nothing(log_young: np.ndarray) -> np.ndarray:
+    """Residuals of log E where nothing is believed of it."""
+    return log_young[:0]
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,7 @@ class ForceProblem:
     sigma_m: float  # what a frame may miss [m]
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
+    heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -69,7 +84,7 @@ class ForceProblem:
         unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
         initial_unit = self._initial_unit(omega2)
         design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
-        unknown, residual = self._least_squares(design, len(frames))
+        unknown, residual = self._least_squares(design)
         force, split = np.zeros((len(self.known), 3)), 3 * len(frames)
         force[frames] = unknown[:split].reshape(-1, 3) * unit
         start = initial_unit * unknown[split:].reshape(initial_unit.shape)
@@ -97,22 +112,23 @@ class ForceProblem:
         history[:, 0] -= 1.0
         return np.einsum("dk,tjk,jk->tdjk", seen[:, :modes], history, unit).reshape(count, len(seen), 2 * modes)
 
-    def _least_squares(self, design: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    def _least_squares(self, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (u,) of the design (T, d, u), and the residuals over sigma followed by those of the priors."""
-        calm = _calming(frames, design.shape[2])
+        calm = _calming(self.heaviness[self.allowed], design.shape[2])
         matrix = np.vstack([np.vstack(design[self.known]) / self.sigma_m, calm])
         target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
-        normal = matrix.T @ matrix + 1e-12 * np.eye(design.shape[2])
+        normal = matrix.T @ matrix + SINGULAR * np.eye(design.shape[2])
         unknown = solved(normal, matrix.T @ target)
         return unknown, target - matrix @ unknown
 
-    def refine(self, physics: Physics, footprint: np.ndarray) -> Physics:
+    def refine(self, physics: Physics, footprint: np.ndarray, *, believed: Believed = nothing) -> Physics:
         """Stiffness, damping and detuning on all frames, the force solved for inside (variable projection): under the force
-        the body also shows how it bends at rest."""
+        the body also shows how it bends at rest. `believed` gives residuals of log E (n,), in standard deviations."""
         parts, (low, high) = len(physics.young), physics.bounds()
 
         def residual(vector: np.ndarray) -> np.ndarray:
-            return np.r_[self.solve(Physics.of(vector, parts), footprint).residual, prior_residual(vector, parts)]
+            seen = self.solve(Physics.of(vector, parts), footprint).residual
+            return np.r_[seen, prior_residual(vector, parts), believed(vector[:parts])]
 
         start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
         found = least_squares(residual, start, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=REFINEMENTS, ftol=1e-4)
@@ -143,15 +159,16 @@ class ForceProblem:
         length = (high - low).max()
 
         def cost(p: np.ndarray) -> float:
-            inside = (p[:2] >= low).all() and (p[:2] <= high).all() and 0.04 < np.exp(p[2]) / length < 2.0
+            inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
             return self.solve(physics, self.footprint_load(Footprint("gaussian", np.r_[p[:2], np.exp(p[2])]))).cost if inside else np.inf
 
         centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
         start = min((np.r_[c, np.log(w * length)] for c in centres for w in WIDTHS), key=cost)
-        if cost(start) > 0.5 * (needed + uniform):
+        if cost(start) > uniform - PROMISING * (uniform - needed):
             return Footprint()
-        simplex = start + np.vstack([np.zeros(3), np.diag([0.06 * length, 0.06 * length, 0.25])])
-        found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxiter": 80, "xatol": 1e-3 * length, "fatol": 1e-3}).x
+        simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
+        ends = {"maxiter": FOOTPRINT_STEPS, "xatol": FOOTPRINT_EXACT * length, "fatol": FOOTPRINT_EXACT}
+        found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
         if cost(found) > needed:
             return Footprint()
         return Footprint("gaussian", np.r_[found[:2], np.exp(found[2])])
@@ -166,11 +183,11 @@ def _shifted(flags: np.ndarray, by: int) -> np.ndarray:
     return np.r_[False, flags[:-1]] if by > 0 else np.r_[flags[1:], False]
 
 
-def _calming(frames: int, unknowns: int) -> np.ndarray:
-    """Rows of the priors on the force amplitudes: size, and change from frame to frame."""
-    axes = np.diag(AXES)
+def _calming(heaviness: np.ndarray, unknowns: int) -> np.ndarray:
+    """Rows of the priors on the force amplitudes: size, weighted frame by frame (F,), and change from frame to frame."""
+    axes, frames = np.diag(AXES), len(heaviness)
     size = np.eye(3 * frames, unknowns)
-    size[:, : 3 * frames] = np.kron(np.eye(frames), axes) / FORCE_SD
+    size[:, : 3 * frames] = np.kron(np.diag(np.sqrt(heaviness)), axes) / FORCE_SD
     change = np.kron(np.diff(np.eye(frames), axis=0), axes) / FORCE_STEP_SD
     initial = np.eye(unknowns)[3 * frames :]
     return np.vstack([size, np.pad(change, ((0, 0), (0, unknowns - 3 * frames))), initial])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,11 +22,17 @@ from ..linear_systems import inverted
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
-from ..vibration.forced_frames import find_support
-from .free_tail import DETUNED, RATIO_SD, STEP, Physics, differences
+from ..vibration.forced_frames import Support, find_support
+from .evidence import Evidence
+from .force import ForceProblem
+from .free_tail import DETUNED, RATIO_SD, STEP, Physics, Tail, differences
 from .uncertainty import DENSITY_CONTRAST, outline_sd
-from .values import ALARM_NOISE, GUESS_SD, SETTLED, WIDEST_SD, Evidence
+from .stages import SETTLED, Fit
+from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of
 from .zone_layout import Division
+
+if TYPE_CHECKING:
+    from ..elements.assemble import Elements
 
 LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part: the search begins
 # where a gradual change and a jump hardly differ, and ends at the last
@@ -72,15 +79,15 @@ def zone_values(
     zoned = division.divide(body)
     motion = observe(body, tracks, camera)
     support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.noise_m)
-    evidence = Evidence(Elements.of(zoned), zoned, tracks, motion, support, period_s, settings, None)
-    fit = _ZoneFit(evidence, division, _believed(zoned, division, pattern))
+    evidence = Evidence(zoned, tracks, motion, period_s, settings)
+    fit = _ZoneFit(evidence, Elements.of(zoned), support, division, _believed(zoned, division, pattern))
     physics = fit.first(Physics(start.young[division.part - 1], start.mass_damping, start.stiffness_damping, np.zeros(DETUNED)))
     physics, modal = fit.settled(physics, fit.tail_misfit, levels=LEVELS)
-    edges = fit.evidence.force_problem(modal).edges(physics)
+    edges = fit.whole(modal).edges(physics)
     if any(edges):
-        fit = replace(fit, evidence=replace(fit.evidence, support=support.grown(*edges)))
+        fit = replace(fit, support=support.grown(*edges))
         physics, modal = fit.settled(physics, fit.tail_misfit)
-    footprint = fit.evidence.force_problem(modal).best_footprint(physics)
+    footprint = fit.whole(modal).best_footprint(physics)
     physics, modal = fit.settled(physics, lambda modal: fit.whole_misfit(modal, footprint))
     misfit = fit.whole_misfit(modal, footprint)
     excess = misfit.excess(physics)
@@ -88,7 +95,7 @@ def zone_values(
     sd = np.sqrt(variance + _outside_variance(body, tracks, division, settings)) / np.log(10)
     sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
     modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
-    values = fit.evidence.values(physics, modal, footprint)
+    values = values_of(Fit(evidence, modal, fit.support, physics, footprint))
     return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
 
 
@@ -108,6 +115,8 @@ class _Misfit:
 @dataclass(frozen=True)
 class _ZoneFit:
     evidence: Evidence
+    elements: Elements
+    support: Support
     division: Division
     believed: np.ndarray  # log E that differences are measured from, (K,)
 
@@ -116,8 +125,8 @@ class _ZoneFit:
         one constant the modes may be taken for each other."""
         found = []
         for slope in SLOPES:
-            tail = self.evidence.tail(self.basis(physics.young * slope**self.division.away))
-            young = tail.matched(tail.modal.reference, float(self.evidence.support.frequencies_hz[0]))
+            tail = self.tail(self.basis(physics.young * slope**self.division.away))
+            young = tail.matched(tail.modal.reference, float(self.support.frequencies_hz[0]))
             found.append(self._search(replace(physics, young=young), self.tail_misfit(tail.modal), LEVELS[0]))
         return min(found, key=lambda pair: pair[0])[1]
 
@@ -136,16 +145,24 @@ class _ZoneFit:
         """Ritz model about moduli (K,) that follows their changes, zone by zone, to first order in the shapes."""
         from ..elements.assemble import modal_model
 
-        return modal_model(self.evidence.elements, [young], [MODES], varied=VARIED)
+        return modal_model(self.elements, [young], [MODES], varied=VARIED)
+
+    def tail(self, modal: ModalModel) -> Tail:
+        """The problem of the free frames."""
+        return self.evidence.tail(modal, self.support)
+
+    def whole(self, modal: ModalModel) -> ForceProblem:
+        """The problem of all frames."""
+        return self.evidence.whole(modal, self.support)
 
     def tail_misfit(self, modal: ModalModel) -> _Misfit:
         """Of the free tail."""
-        tail = self.evidence.tail(modal)
+        tail = self.tail(modal)
         return _Misfit(lambda physics: tail.misfit(physics).ravel() / tail.sigma_m, max(len(tail.data), 1))
 
     def whole_misfit(self, modal: ModalModel, footprint: Footprint) -> _Misfit:
         """Of all frames under the best force of a family."""
-        problem = self.evidence.force_problem(modal)
+        problem = self.whole(modal)
         load = problem.footprint_load(footprint)
         return _Misfit(lambda physics: problem.solve(physics, load).residual, int(problem.known.sum()))
 

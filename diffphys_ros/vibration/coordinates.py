@@ -20,6 +20,7 @@ ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond 
 NEIGHBOURS = 5  # that stand in for a point that was lost in a frame
 FARTHEST = 3.0  # displacements beyond this many times a frame's 95th percentile are no part of the body
 WILD = 6.0  # misfits of single track positions beyond this many times the median are left out
+SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart
 COHERENT_SHARE = 0.5  # of the track noise that is common to all points
 
 
@@ -97,10 +98,10 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     principal = principal - principal[:1]
     q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
     shapes, misfit = _regress(q, displacement, valid)
-    calm = valid & (misfit < WILD * np.median(misfit[valid]))
+    calm = valid & (misfit <= WILD * np.median(misfit[valid]))
     kept = calm[known].mean(0) > LEAST_SEEN
     shapes, _ = _regress(q, displacement[:, kept], calm[:, kept])
-    size = np.sqrt((shapes**2).sum((0, 1)) / len(shapes))
+    size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
     seen_across = None if across is None else across[kept]
     return Motion(points[0, kept], q * size, shapes / size, seen_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
 
@@ -177,6 +178,16 @@ def _regress(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tupl
     and the lengths of what is left [m], (T, M)."""
     size = np.maximum(np.abs(q).max(0), 1e-300)
     terms = np.column_stack([q / size, _products(q / size)])
-    fits = np.stack([np.linalg.lstsq(terms[v], displacement[v, m], rcond=1e-9)[0] for m, v in enumerate(valid.T)])
+    fits = np.stack([_fitted(terms[v], displacement[v, m], q.shape[1]) for m, v in enumerate(valid.T)])
     misfit = np.linalg.norm(displacement - np.einsum("tk,mkc->tmc", terms, fits), axis=2)
     return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), misfit
+
+
+def _fitted(terms: np.ndarray, moved: np.ndarray, first: int) -> np.ndarray:
+    """Least-squares factors (k, 3) of the terms (F, k) of a point's motion (F, 3); on the `first` of them alone where these frames do not
+    tell products from coordinates."""
+    factors, _, _, strength = np.linalg.lstsq(terms, moved, rcond=1e-9)
+    if len(terms) < terms.shape[1] or strength[-1] < SEPARABLE * strength[0]:
+        factors = np.zeros_like(factors)
+        factors[:first] = np.linalg.lstsq(terms[:, :first], moved, rcond=1e-9)[0]
+    return factors

@@ -6,6 +6,7 @@ A linear body that is left alone obeys q[k+2] = A q[k+1] + B q[k]; what a frame 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -178,10 +179,16 @@ def _frames(forced_rows: np.ndarray, frames: int) -> np.ndarray:
     forced = np.zeros(frames, bool)
     for first, last in _runs(forced_rows):
         forced[first + 1 : last + 1] = True
-    for (_, end), (begin, _) in zip(_runs(forced)[:-1], _runs(forced)[1:], strict=True):
+    return bridged(forced)
+
+
+def bridged(forced: np.ndarray) -> np.ndarray:
+    """The same frames (T,) and the few between them in which a force passes zero."""
+    filled = forced.copy()
+    for (_, end), (begin, _) in pairwise(_runs(forced)):
         if begin - end - 1 <= BRIDGE:
-            forced[end:begin] = True
-    return forced
+            filled[end:begin] = True
+    return filled
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

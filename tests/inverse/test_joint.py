@@ -4,14 +4,20 @@ import dataclasses
 
 import numpy as np
 
-from diffphys_ros.start.no_free_tail import active_frames, joint_values
+from diffphys_ros.config import build
+from diffphys_ros.start import joint_values
+from diffphys_ros.start.stages import active
+from diffphys_ros.vibration.forced_frames import Support
 
 from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks
+
+AT_REST = build({"scene.at_rest": True})
 
 
 def test_frames_with_a_force_are_widened_and_short_gaps_bridged():
     force = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 0.1, 0, 0])
-    np.testing.assert_array_equal(np.flatnonzero(active_frames(force)), [2, 3, 4, 5, 6, 7, 8, 9])
+    forced = Support(active(force), False, np.zeros(0), np.zeros(0), 0.0)
+    np.testing.assert_array_equal(np.flatnonzero(forced.allowed), [2, 3, 4, 5, 6, 7, 8, 9])
 
 
 def test_stiffness_and_force_are_found_together_from_a_wrong_guess(prepared):
@@ -24,7 +30,7 @@ def test_stiffness_and_force_are_found_together_from_a_wrong_guess(prepared):
         has_free_tail=False,
     )
     tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
-    found = joint_values(prepared.body, tracks, PERIOD_S, start, prepared.modal, camera=make_camera())
+    found = joint_values(prepared.body, tracks, PERIOD_S, AT_REST, start, prepared.modal, camera=make_camera())
     assert np.abs(np.log10(found.young / YOUNG)).max() < 0.04  # the guess is .11 and .33 off
     assert found.track_cost < 0.01
     true, got = prepared.start.force, found.force
@@ -38,7 +44,7 @@ def test_a_part_whose_stiffness_nothing_tells_ends_with_the_motion_explained_and
     modal = dataclasses.replace(prepared.modal, stiffness=prepared.modal.stiffness * np.array([1.0, 0.0])[:, None, None])
     start = dataclasses.replace(prepared.start, forced=np.ones(FRAMES, bool), has_free_tail=False)
     tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
-    found = joint_values(prepared.body, tracks, PERIOD_S, start, modal, camera=make_camera())
+    found = joint_values(prepared.body, tracks, PERIOD_S, AT_REST, start, modal, camera=make_camera())
     assert np.isfinite(found.young).all()
     assert found.track_cost < 0.2
     assert not found.identified[1]
@@ -48,7 +54,7 @@ def test_a_part_whose_stiffness_nothing_tells_ends_with_the_motion_explained_and
 def test_tracks_that_never_move_end_in_numbers_and_no_stiffness(prepared):
     tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
     still = dataclasses.replace(tracks, points=np.repeat(tracks.points[:1], FRAMES, 0))
-    found = joint_values(prepared.body, still, PERIOD_S, prepared.start, prepared.modal, camera=make_camera())
+    found = joint_values(prepared.body, still, PERIOD_S, AT_REST, prepared.start, prepared.modal, camera=make_camera())
     assert np.isfinite(found.young).all()
     assert np.isfinite(found.force).all()
     assert not found.identified.any()

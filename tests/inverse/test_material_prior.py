@@ -10,8 +10,7 @@ from diffphys_ros.config import build
 from diffphys_ros.inverse.answer import notes
 from diffphys_ros.inverse.material_prior import believed, of_parts, on_points, parted
 from diffphys_ros.inverse.posterior import of_start
-from diffphys_ros.start import start_values
-from diffphys_ros.start.no_free_tail import joint_values
+from diffphys_ros.start import joint_values, start_values
 from diffphys_ros.types import MaterialPrior
 
 from .conftest import FRAMES, PERIOD_S, YOUNG, make_camera, make_tracks
@@ -119,7 +118,7 @@ def test_a_sure_belief_holds_the_joint_fit_and_an_unsure_one_gives_way_to_the_cl
         has_free_tail=False,
     )
     tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
-    found = joint_values(prepared.body, tracks, PERIOD_S, start, prepared.modal, camera=make_camera(), believed=True)
+    found = joint_values(prepared.body, tracks, PERIOD_S, build({"scene.at_rest": True}), start, prepared.modal, camera=make_camera(), believed=True)
     assert least <= np.log10(found.young[0] / start.young[0]) <= most
     assert (found.log10_young_sd <= sd).all()
 

@@ -1,0 +1,91 @@
+"""What the first answer is read from: a body, how it moves, and what is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..config import Settings
+from ..modes.model import ModalModel
+from ..types import Body, Tracks
+from ..vibration.coordinates import Motion, Projection
+from ..vibration.forced_frames import Support
+from .force import ForceProblem
+from .free_tail import MODEL_ERROR, Tail
+
+if TYPE_CHECKING:
+    from ..elements.assemble import Elements
+
+NARROW_MODES = 6  # per further point of the basis
+STILL = 4.0  # motion over noise below which nothing can be said
+
+
+class Belief(Protocol):
+    """What is believed of Young's modulus before any motion is looked at."""
+
+    @property
+    def young(self) -> np.ndarray:
+        """Per part [Pa], (n,)."""
+        ...
+
+    @property
+    def log10_young_sd(self) -> np.ndarray:
+        """Per part, (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Told and seen; nothing in it is found by a fit."""
+
+    body: Body
+    tracks: Tracks
+    motion: Motion
+    period_s: float
+    settings: Settings  # `scene.at_rest` and `experiment.mode_count`
+    belief: Belief | None = None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether frame 0 is an equilibrium."""
+        return self.settings.scene.at_rest
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is more to be seen than noise."""
+        return self.motion.size_m >= STILL * self.motion.noise_m
+
+    def believed(self, log_young: np.ndarray) -> np.ndarray:
+        """Residuals of log E (n,) [ln Pa] against what is believed, in standard deviations; none where nothing is."""
+        if self.belief is None:
+            return log_young[:0]
+        return (log_young - np.log(self.belief.young)) / (np.log(10) * self.belief.log10_young_sd)
+
+    def basis(self, elements: Elements, young: np.ndarray, ratios: tuple[float, ...], *, loaded: bool = True) -> ModalModel:
+        """Ritz model about moduli (n,) [Pa], exact at these ratios between the parts as well."""
+        from ..elements.assemble import modal_model
+
+        count = self.settings.experiment.mode_count
+        outer = [np.where(np.arange(len(young)) == i, r, 1.0) for i in range(1, len(young)) for r in ratios]
+        counts = [count] + [min(count, NARROW_MODES)] * len(outer)
+        return modal_model(elements, [young, *(young * o for o in outer)], counts, loaded=loaded)
+
+    def tail(self, modal: ModalModel, support: Support) -> Tail:
+        """The misfit of the frames after the last force under a modal model."""
+        first = support.tail_start
+        seen = Projection.of(self.motion, modal)
+        moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
+        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
+        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count)
+
+    def whole(self, modal: ModalModel, support: Support) -> ForceProblem:
+        """The misfit of all frames under a modal model and a force."""
+        q, known = self.motion.coordinates, self.motion.known
+        sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
+        acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
+        unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
+        seen = Projection.of(self.motion, modal)
+        largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)))

@@ -1,0 +1,208 @@
+"""The first answer as lists of stages. Each says which evidence counts and what is free; all else stays as the stage before left it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..footprints import Footprint
+from ..modes.model import ModalModel
+from ..vibration.forced_frames import Support, bridged
+from .evidence import Evidence
+from .force import AXES, ForceProblem
+from .free_tail import Physics, Tail
+
+if TYPE_CHECKING:
+    from ..elements.assemble import Elements
+
+UNIT_YOUNG = 1e5  # [Pa]; any would do for a linear solid without weight
+WIDE_RATIOS, NARROW_RATIOS = (0.1, 0.35, 3.0), (0.7, 1.4)  # between parts, at which the Ritz basis is exact
+RIGID = 1e-9  # squared frequencies below this share of the largest are rigid motions
+BASES = 3  # most times that the basis is moved to the fit
+SETTLED = 0.1  # change of log E that needs no new basis
+STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
+PRIOR_DAMPING = 1e-3  # stiffness damping of a guess [s]
+SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept
+ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen
+ACTIVE = 0.15  # share of the largest force above which a frame counts as forced
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How far the first answer has come: the unknowns, and what they are read from."""
+
+    evidence: Evidence
+    modal: ModalModel
+    support: Support  # frames that may carry a force
+    physics: Physics
+    footprint: Footprint = field(default_factory=Footprint)
+    force: np.ndarray | None = None  # amplitude [N/m^3], (T, 3); None: none was fitted yet
+    grown: bool = False  # whether the forced frames are more than those that physics were read from
+
+    @classmethod
+    def begun(cls, evidence: Evidence, elements: Elements, support: Support) -> Fit:
+        """A body of UNIT_YOUNG, before anything is looked at."""
+        unit = np.full(evidence.body.parts, UNIT_YOUNG)
+        modal = evidence.basis(elements, unit, WIDE_RATIOS if support.has_free_tail else (), loaded=False)
+        return cls(evidence, modal, support, guessed(unit))
+
+    @property
+    def tail(self) -> Tail:
+        """The problem of the free frames."""
+        return self.evidence.tail(self.modal, self.support)
+
+    @property
+    def whole(self) -> ForceProblem:
+        """The problem of all frames."""
+        return self.evidence.whole(self.modal, self.support)
+
+    @property
+    def load(self) -> np.ndarray:
+        """Modal loads (r, 3) of the footprint."""
+        return self.whole.footprint_load(self.footprint)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a fit."""
+
+    name: str
+    evidence: str  # which counts: "free frames", "all frames" or "told"
+    free: tuple[str, ...]  # fields of Fit
+    step: Callable[[Fit], Fit]
+
+    def __call__(self, fit: Fit) -> Fit:
+        """What is free as the step leaves it, all else as it was."""
+        found = self.step(fit)
+        return replace(fit, **{name: getattr(found, name) for name in self.free})
+
+
+def run(stages: Sequence[Stage], fit: Fit) -> Fit:
+    """One after the other."""
+    for stage in stages:
+        fit = stage(fit)
+    return fit
+
+
+def modes(elements: Elements, guess_scale: float) -> list[Stage]:
+    """Where a free tail tells the stiffness."""
+    return [
+        Stage("tail", "free frames", ("modal", "physics"), partial(_tail, elements=elements, guess_scale=guess_scale)),
+        Stage("edges", "all frames", ("support", "grown"), _edges),
+        Stage("tail again", "free frames", ("physics", "grown"), _tail_again),
+        Stage("footprint", "all frames", ("footprint",), _footprint),
+        Stage("refine", "all frames", ("physics",), _refine),
+    ]
+
+
+def guess(elements: Elements, guess_scale: float) -> list[Stage]:
+    """Where none does: what is believed, or the clip's strongest frequency."""
+    return [
+        Stage("guess", "told", ("modal", "physics"), partial(_guess, elements=elements, guess_scale=guess_scale)),
+        Stage("footprint", "all frames", ("footprint",), _footprint),
+    ]
+
+
+def joint() -> list[Stage]:
+    """Stiffness, damping and force together: a force fitted first would explain the motion at any stiffness."""
+    return [
+        *(Stage("sparse force", "all frames and what is believed", ("physics", "force"), partial(_sparse, weight=w)) for w in SPARSITY[:-1]),
+        Stage("forced frames", "all frames", ("support",), _kept),
+        Stage("refine", "all frames and what is believed", ("physics", "force"), partial(_sparse, weight=SPARSITY[-1])),
+    ]
+
+
+def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
+    """The free tail, with the basis moved to where the fit lies until it rests."""
+    hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
+    young = swinging_at(fit.modal, fit.physics.young, hz) * guess_scale
+    fit = replace(fit, physics=fit.tail.fit(young, hz, decay))
+    for _ in range(BASES):
+        before = fit.physics.young
+        fit = replace(fit, modal=fit.evidence.basis(elements, before, NARROW_RATIOS))
+        fit = replace(fit, physics=fit.tail.search(fit.physics)[1])
+        if np.abs(np.log(fit.physics.young / before)).max() < SETTLED:
+            break
+    return fit
+
+
+def _edges(fit: Fit) -> Fit:
+    """Forced frames that only the motion shows."""
+    edges = fit.whole.edges(fit.physics)
+    return replace(fit, support=fit.support.grown(*edges), grown=True) if any(edges) else fit
+
+
+def _tail_again(fit: Fit) -> Fit:
+    """The tail that is left where the forced frames grew."""
+    return replace(fit, physics=fit.tail.search(fit.physics)[1], grown=False) if fit.grown else fit
+
+
+def _footprint(fit: Fit) -> Fit:
+    return replace(fit, footprint=fit.whole.best_footprint(fit.physics))
+
+
+def _refine(fit: Fit) -> Fit:
+    return replace(fit, physics=fit.whole.refine(fit.physics, fit.load))
+
+
+def _guess(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
+    """The moduli believed in; without any, one for all parts at which the lowest mode swings at the clip's strongest frequency."""
+    evidence = fit.evidence
+    if evidence.belief is not None:
+        return _standing(fit, evidence.belief.young * guess_scale, elements)
+    hz = strongest_hz(evidence.motion.coordinates[:, 0], evidence.period_s)
+    young = swinging_at(fit.modal, fit.physics.young, hz) * guess_scale
+    return replace(fit, modal=evidence.basis(elements, young, NARROW_RATIOS), physics=guessed(young))
+
+
+def _standing(fit: Fit, young: np.ndarray, elements: Elements) -> Fit:
+    """`young`, made stiffer as far as the body needs it in order not to buckle under its weight."""
+    modal = fit.evidence.basis(elements, young, NARROW_RATIOS)
+    for _ in range(STIFFENINGS):
+        if modal.eigen(young)[0][0] > 0:
+            break
+        young = 2.0 * young
+        modal = fit.evidence.basis(elements, young, NARROW_RATIOS)
+    return replace(fit, modal=modal, physics=guessed(young))
+
+
+def guessed(young: np.ndarray) -> Physics:
+    """Moduli (n,) [Pa] that were not fitted."""
+    return Physics(young, 0.0, PRIOR_DAMPING, np.zeros(0))
+
+
+def _sparse(fit: Fit, *, weight: float) -> Fit:
+    """A round of a force that is sparse in time: the weight of each frame's size comes from the force of the round before."""
+    whole = fit.whole
+    size = np.ones(len(whole.known)) if fit.force is None else np.linalg.norm(fit.force * AXES, axis=1) / whole.force_unit
+    whole = replace(whole, heaviness=weight / np.hypot(size, ROUNDING))
+    physics = whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
+    return replace(fit, physics=physics, force=whole.solve(physics, fit.load).force)
+
+
+def _kept(fit: Fit) -> Fit:
+    assert fit.force is not None
+    return replace(fit, support=replace(fit.support, forced=active(np.linalg.norm(fit.force, axis=1))))
+
+
+def active(size: np.ndarray) -> np.ndarray:
+    """Frames (T,) whose force is more than ACTIVE of the largest, short gaps bridged."""
+    return bridged(size > ACTIVE * max(size.max(), 1e-12))
+
+
+def swinging_at(modal: ModalModel, young: np.ndarray, hz: float) -> np.ndarray:
+    """`young` times the factor that moves the lowest elastic mode to a frequency, gravity left out."""
+    squares = np.linalg.eigvalsh(modal.matrix(young) - modal.geometric)
+    return young * (2 * np.pi * hz) ** 2 / squares[squares > RIGID * squares[-1]][0]
+
+
+def strongest_hz(q: np.ndarray, period_s: float) -> float:
+    """Frequency of the largest peak of the spectrum, at least one swing per clip."""
+    power = np.abs(np.fft.rfft(q - q.mean(), 8 * len(q))) ** 2
+    hz = np.fft.rfftfreq(8 * len(q), period_s)
+    floor = 1.0 / (len(q) * period_s)
+    return float(max(hz[np.where(hz < floor, 0.0, power).argmax()], floor))
