@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.errors import shown
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Clip
 
@@ -28,7 +29,7 @@ from .parameters import Own, existing
 from .player import Part, Player, inputs, static_links
 from .qos import RELIABILITY, latched, sensor
 from .stage import StageNode
-from .worker import Job
+from .worker import FAILED, Job
 
 BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder")
 OWN = (
@@ -179,6 +180,9 @@ class IngestNode(StageNode):
         self.get_logger().info("the recording ends here" + ("; it is played again" if again else ""))
         if self.collected and not self.closed:
             self._finish()
+        elif not self.closed:
+            self.closed, self.state = True, FAILED
+            self.on_failed(f"{shown(self.parameters['bag'])}: no image was played; choose another start and duration")
 
     def _read_job(self, part: Part) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
