@@ -15,6 +15,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.errors import shown
 from diffphys_ros.msg_schemas import TOPICS, messages
 
 from .clip_buffer import INFO
@@ -30,7 +31,7 @@ from .player import Part, Player, inputs, static_links
 from .qos import RELIABILITY, latched, profile, sensor
 from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
-from .worker import Job
+from .worker import FAILED, Job
 
 BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 folder, video or image folder", check=existing)
 MAX_SILENCE_S = 3600.0
@@ -252,6 +253,10 @@ class IngestNode(StageNode):
 
     def _on_played(self, again: bool) -> None:
         self.get_logger().info("the recording ends here" + ("; it is played again" if again else ""))
+        if not self.collected:
+            self.state = FAILED
+            self.on_failed(f"{shown(self.parameters['bag'])}: no image was played; choose another start and duration")
+        self.collected = 0
         self.recorder.silence()  # the next pass begins another clip
 
     def _read_job(self, part: Part) -> Job:

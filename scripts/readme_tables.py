@@ -53,14 +53,9 @@ def clouds_table() -> str:
     layouts = {name: layout for name, layout in clouds.LAYOUTS.items() if name != "~/force_so_far"}
     names = list(dict.fromkeys(name for layout in layouts.values() for name in layout))
     units = {name: list(dict.fromkeys(layout[name] for layout in layouts.values() if name in layout)) for name in names}
+    bytes_of = {name: [str(clouds.dtype(layout).fields[name][1]) if name in layout else "" for layout in layouts.values()] for name in names}  # type: ignore[index]
     rows = (
-        (
-            f"`{name}`",
-            "uint32" if units[name] == ["#"] else "float32",
-            ", ".join(unit for unit in units[name] if unit != "#"),
-            *(str(clouds.dtype(layout).fields[name][1]) if name in layout else "" for layout in layouts.values()),  # type: ignore[index]
-            clouds.MEANING.get(name, ""),
-        )
+        (f"`{name}`", "uint32" if units[name] == ["#"] else "float32", ", ".join(unit for unit in units[name] if unit != "#"), *bytes_of[name], clouds.MEANING.get(name, ""))
         for name in names
     )
     return _table(("field", "type", "unit", *(f"byte in `{name}`" for name in layouts), "what"), rows)

@@ -200,6 +200,21 @@ def test_ingest_node_hears_what_it_plays_as_if_a_camera_sent_it(make_node, made_
     assert (clip.start_ns, clip.camera.world_frame_id) == (read.start_ns, "world")
 
 
+def test_a_part_without_images_is_said_to_hold_none(make_node, made_clip, tmp_path):
+    said: list[str] = []
+    node = make_node(IngestNode, bag=recorded(tmp_path / "bag", made_clip), rate=50.0, start=0.001, duration=0.002)
+    node.on_failed = said.append
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    end = time.monotonic() + PATIENCE_S
+    while not said:
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.02)
+    executor.shutdown()
+    assert "no image was played; choose another start and duration" in said[0]
+    assert node.state == "failed"
+
+
 STREAM = """
 import resource, sys
 from pathlib import Path
