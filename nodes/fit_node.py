@@ -212,6 +212,7 @@ class FitNode(ClipStage):
         if not super()._start():
             return False
         self.loss = None
+        self._say(stage="start", text=f"run {self.run} begun")  # libraries take seconds, and what is latched is of the run before
         return True
 
     def _given(self) -> Any:

@@ -53,6 +53,7 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample, capfd):
     assert second != first
     r.until(lambda: r.stages().count("segment") == 2)
     assert {values["run"] for values in r.progress()} == {first, second}
+    assert next(values["stage"] for values in r.progress() if values["run"] == second) == "start"
     r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["run"] == second)
     assert r.call("reset").success
     r.until(lambda: not r.node.worker.busy)

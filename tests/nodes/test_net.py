@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,6 +14,8 @@ from std_srvs.srv import Trigger
 
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.clip_checks import check_colour
+from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.net import MAX_WORDS, Net, sentence_of
 from diffphys_ros.nodes.stage import StageNode
 
@@ -137,6 +140,14 @@ def test_an_error_of_the_program_is_logged_with_its_traceback() -> None:
     net.around(broken, "depth")(UInt32())
     assert "in broken" in words.said[0]
     assert "IndexError: nothing there" in words.said[0]
+
+
+@pytest.mark.parametrize("change", [{"height": 0}, {"step": 1}, {"data": b""}, {"encoding": "nv21"}, {"height": 2**15, "width": 2**15}])
+def test_what_is_said_of_a_live_image_speaks_of_no_recording(change) -> None:
+    good = messages.image(messages.header(0), np.zeros((4, 4, 3), np.uint8), "rgb8")
+    with pytest.raises(InputError, match="topic image: ") as caught:
+        check_colour(to_ros("sensor_msgs/msg/Image", good | change), "image")
+    assert "record" not in str(caught.value)
 
 
 def test_a_sentence_is_one_printable_line_of_bounded_length() -> None:

@@ -95,36 +95,67 @@ def test_a_node_takes_the_middlewares_profile_before_rclpy_starts_unless_the_use
     assert said.strip() == wanted
 
 
-def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(make_node, capfd):
-    node, other = make_node(IngestNode), rclpy.create_node("camera")
-    health: list[DiagnosticArray] = []
-    other.create_subscription(DiagnosticArray, "/diagnostics", health.append, 10)
-    output, executor = other.create_publisher(Image, "image", sensor("best_effort")), SingleThreadedExecutor()
-    for each in (node, other):
-        executor.add_node(each)
+@pytest.fixture
+def driven(make_node):
+    """Makes an ingest_node beside a driver that publishes images, and spins both."""
+    made = []
 
-    def until(condition) -> float:
-        began = time.monotonic()
-        while not condition():
-            assert time.monotonic() - began < PATIENCE_S
-            executor.spin_once(timeout_sec=0.05)
-        return time.monotonic() - began
+    def make(offers: str, **parameters):
+        node, other = make_node(IngestNode, **parameters), rclpy.create_node("camera")
+        health: list[DiagnosticArray] = []
+        other.create_subscription(DiagnosticArray, "/diagnostics", health.append, 10)
+        output, executor = other.create_publisher(Image, "image", sensor(offers)), SingleThreadedExecutor()
+        for each in (node, other):
+            executor.add_node(each)
+        made.append((executor, other))
 
-    try:
-        until(output.get_subscription_count)
-        stream = node.streams["/image"]
-        image = Image(height=4, width=4, encoding="rgb8", step=12, data=bytes(48))
-        stream.lose(5)  # what the middleware would call; that it does is for benchmarks/transport.py, where images are large
-        for k in range(5):
-            image.header.stamp.nanosec = k * 33_000_000
-            output.publish(image)
-        health.clear()
-        took = until(lambda: health and health[-1].status[0].level == bytes([messages.WARN]))
-        assert took < 2.0
-        assert "/image: 5 of 10 messages of the last 3 s were lost" in health[-1].status[0].message
-        assert messages.values_of(health[-1].status[0])["lost"] == "5"
-        assert "[WARN]" in (said := capfd.readouterr().err)
-        assert f"start the driver with {VARIABLE}={PROFILE}" in said
-    finally:
+        def until(condition) -> float:
+            began = time.monotonic()
+            while not condition():
+                assert time.monotonic() - began < PATIENCE_S
+                executor.spin_once(timeout_sec=0.05)
+            return time.monotonic() - began
+
+        return node, output, health, until
+
+    yield make
+    for executor, other in made:
         executor.shutdown()
         other.destroy_node()
+
+
+def warned(health: list[DiagnosticArray]) -> bool:
+    return bool(health) and health[-1].status[0].level == bytes([messages.WARN])
+
+
+def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(driven, capfd):
+    node, output, health, until = driven("best_effort")
+    until(output.get_subscription_count)
+    node.streams["/image"].lose(5)  # what the middleware would call; that it does is for benchmarks/transport.py, where images are large
+    image = Image(height=4, width=4, encoding="rgb8", step=12, data=bytes(48))
+    for k in range(5):
+        image.header.stamp.nanosec = k * 33_000_000
+        output.publish(image)
+    health.clear()
+    assert until(lambda: warned(health) and "lost" in health[-1].status[0].message) < 2.0
+    assert "/image: 5 of 10 messages of the last 3 s were lost" in health[-1].status[0].message
+    assert messages.values_of(health[-1].status[0])["lost"] == "5"
+    said = capfd.readouterr().err
+    assert "[WARN]" in said
+    assert f"start the driver with {VARIABLE}={PROFILE}" in said
+
+
+def test_a_publisher_with_another_quality_of_service_is_a_warning_with_the_cure(driven):
+    _node, _output, health, until = driven("best_effort", reliability="reliable")
+    until(lambda: warned(health) and "/image: a publisher offers another reliability than is wanted" in health[-1].status[0].message)
+    assert "set reliability:=best_effort (qos_overrides./image.subscription.reliability)" in health[-1].status[0].message
+
+
+def test_what_is_waited_for_is_said_with_resolved_topics_and_how_many_publish_there(driven, capfd):
+    node, output, health, until = driven("best_effort")
+    until(output.get_subscription_count)
+    health.clear()
+    assert until(lambda: warned(health)) < 3.0
+    assert "waiting for /image (1 publisher) or /image/compressed (no publisher)" in health[-1].status[0].message
+    assert "waiting for /image (1 publisher)" in capfd.readouterr().err
+    assert node.state == "waiting"
