@@ -10,6 +10,7 @@ import pytest
 
 from diffphys_ros import result
 from diffphys_ros.__main__ import main
+from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.inverse import Prepared
 
 from . import clips
@@ -17,10 +18,10 @@ from . import clips
 
 @pytest.fixture
 def prepared(tmp_path: Path, half_sample: Path) -> Callable[..., Prepared]:
-    """The bar's clip at half its size, changed, as the start of a fit."""
+    """The bar's clip, changed, as the start of a fit; at half its size where no `source` is given."""
 
-    def prepare(change: Callable, *flags: str) -> Prepared:
-        folder, out = clips.changed(half_sample, tmp_path, change), tmp_path / "clip.npz"
+    def prepare(change: Callable, *flags: str, source: Path = half_sample) -> Prepared:
+        folder, out = clips.changed(source, tmp_path, change), tmp_path / "clip.npz"
         assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out), *flags]) == 0
         return result.load_prepared(out)
 
@@ -35,7 +36,7 @@ def test_a_sound_clip_is_not_doubted(kind: str, ingested: Callable[[str], Path])
 
 
 def test_a_camera_that_turns_by_a_third_of_a_pixel_a_frame_is_noticed(prepared: Callable[..., Prepared]) -> None:
-    (doubt,) = prepared(clips.panned).doubts
+    (doubt,) = prepared(clips.panned, source=sample_folder("bar")).doubts
     assert doubt.of_young
     assert "the camera moves" in doubt.text
 
