@@ -15,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
 from diffphys_ros.bags.read import read_clip
-from diffphys_ros.errors import shown
+from diffphys_ros.errors import InputError, shown
 from diffphys_ros.msg_schemas import TOPICS, messages
 
 from .clip_buffer import INFO
@@ -236,10 +236,15 @@ class IngestNode(StageNode):
             self.intake.take_link(link)
 
         def hear(topic: str, kind: str, raw: bytes) -> None:
-            if topic in roles:
-                self._hear(roles[topic], topic, deserialize_message(raw, message_class(kind)))
+            if topic not in roles:
+                return
+            try:
+                message = deserialize_message(raw, message_class(kind))
+            except Exception as error:
+                raise InputError(f"topic {topic}: a message that cannot be read; record it again") from error
+            self._hear(roles[topic], topic, message)
 
-        self.player = Player(self, path, part, hear=hear, ended=self._on_played)
+        self.player = Player(self, path, part, hear=self.net.around(hear, "bag"), ended=self._on_played)
         self._attend()
         self.player.start()
 

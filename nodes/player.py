@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -43,7 +44,7 @@ class Part(NamedTuple):
 
 
 class Player:
-    """Publishes a recording from timers of `node`. `hear` gets (topic, type, CDR) of everything that is played, `ended` is called at the end
+    """Publishes a recording from timers of `node`. `hear` gets (topic, type, CDR) of everything that is played, and raises nothing; `ended` is called at the end
     of every pass with whether another follows. Topics are called as recorded, or as `names` says; without `names` all are played.
 
     Raises InputError for what is no recording, or is damaged; what is noticed while it plays ends the play under the node's net.
@@ -98,11 +99,11 @@ class Player:
         for topic, kind in self.kinds.items():
             try:
                 self.outputs[topic] = self._node.create_publisher(message_class(kind), names.get(topic, topic), _profile(self._bag.offer(topic)))
-            except (ImportError, AttributeError):
+            except (ImportError, AttributeError, ValueError, TypeError, NameValidationException):  # a recording may name anything
                 unknown[topic] = kind
         if unknown:
             said = listed([f"{topic} ({kind})" for topic, kind in unknown.items()], 4)
-            self._node.get_logger().warning(f"not played, because the packages of their types are not installed here or they have several: {said}")
+            self._node.get_logger().warning(f"not played, because the packages of their types are not installed here, they have several types, or their names are none of ROS: {said}")
         return unknown
 
     def _begin(self) -> None:
@@ -114,20 +115,23 @@ class Player:
 
     def _play(self) -> None:
         looked = time.monotonic()
-        try:
-            while self._next is not None and self._next[1] <= self.now_ns and time.monotonic() - looked < BURST_S:
-                self._send(self._next)
-                self._next = next(self._left, None)
-        except InputError:
-            self.stop()
-            self._ended(False)
-            raise
+        while self._next is not None and self._next[1] <= self.now_ns and time.monotonic() - looked < BURST_S:
+            self._send(self._next)
+            self._advance()
         if self._next is None and self.now_ns >= self.end_ns:
             self._end()
         else:
             due_s = SHORTEST_S if self._next is None else (self._next[1] - self.now_ns) * 1e-9 / self._part.rate
             self._timers[0].timer_period_ns = round(min(max(due_s, SHORTEST_S), LONGEST_S) * 1e9)
             self._timers[0].reset()
+
+    def _advance(self) -> None:
+        try:
+            self._next = next(self._left, None)
+        except InputError:  # the recording is damaged from here on
+            self.stop()
+            self._ended(False)
+            raise
 
     def _end(self) -> None:
         if self._part.loop:

@@ -34,8 +34,11 @@ def offered(reliable: bool, latched: bool, depth: int) -> list[Qos]:
 OFFERED = {COLOUR: offered(False, False, 5), INFO: offered(True, False, 5), NOTE: offered(True, True, 1), "/tf_static": offered(True, True, 1)}
 
 
-def recorded(path: Path, clip: Any, way: str = "mcap") -> Path:
-    """A rosbag2 folder of a clip's images as a camera driver gives them: best effort, with a latched note and a static tree first."""
+def recorded(path: Path, clip: Any, way: str = "mcap", *, bad: int = -1) -> Path:
+    """A rosbag2 folder of a clip's images as a camera driver gives them: best effort, with a latched note and a static tree first.
+
+    Image number `bad` is shorter than it says, and a message that is none comes after it.
+    """
     plugin, mode = WAYS[way]
     writer, store = Writer(path, version=9, storage_plugin=plugin), typestore()
     writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -53,5 +56,8 @@ def recorded(path: Path, clip: Any, way: str = "mcap") -> Path:
             ns = clip.start_ns + round(seconds * 1e9)
             head = messages.header(ns, clip.camera.frame_id)
             write(INFO, CAMERA_INFO, ns, messages.camera_info(head, clip.camera))
-            write(COLOUR, IMAGE, ns, messages.image(head, clip.frames[k], "rgb8"))
+            picture = messages.image(head, clip.frames[k], "rgb8")
+            write(COLOUR, IMAGE, ns, picture | ({"data": picture["data"][:100]} if k == bad else {}))
+            if k == bad:
+                writer.write(lines[COLOUR], ns + 1, bytes(7))
     return path

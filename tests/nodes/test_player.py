@@ -38,6 +38,7 @@ from .processes import PATIENCE_S, ROOT
 from .recordings import COLOUR, INFO, NOTE, STRING, WAYS, recorded
 
 STRANGE = "/velodyne_packets"
+ODD = {"/no name": STRING, "/typeless": "os", "/relative": "/msg/x", "/no_message": "os/msg/path"}
 LZ4 = "mcap, lz4 chunks"
 
 
@@ -163,8 +164,11 @@ def test_topics_of_types_that_are_not_installed_are_named_and_the_others_play(he
     with Writer(tmp_path / "strange", version=9) as writer:
         line = writer.add_connection(STRANGE, "velodyne_msgs/msg/VelodynePacket", msgdef="builtin_interfaces/Time stamp\n", rihs01="RIHS01_0")
         writer.write(line, made_clip.start_ns, bytes(12))
+        for topic, kind in ODD.items():
+            line = writer.add_connection(topic, kind, msgdef="string data\n", rihs01="RIHS01_0")
+            writer.write(line, made_clip.start_ns, bytes(12))
     player = Player(hearer.node, tmp_path / "strange", Part())
-    assert player.unknown == {STRANGE: "velodyne_msgs/msg/VelodynePacket"}
+    assert player.unknown == {STRANGE: "velodyne_msgs/msg/VelodynePacket"} | ODD
     assert Player(hearer.node, bag, Part()).outputs.keys() >= {COLOUR, INFO, NOTE}
 
 
@@ -198,6 +202,19 @@ def test_ingest_node_hears_what_it_plays_as_if_a_camera_sent_it(make_node, made_
     np.testing.assert_array_equal(clip.frames, read.frames)
     np.testing.assert_array_equal(clip.camera.world_from_camera, read.camera.world_from_camera)
     assert (clip.start_ns, clip.camera.world_frame_id) == (read.start_ns, "world")
+
+
+def test_a_bad_message_of_a_recording_costs_itself(make_node, made_clip, tmp_path):
+    node = make_node(IngestNode, bag=recorded(tmp_path / "bag", made_clip, bad=4), rate=20.0)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    end = time.monotonic() + PATIENCE_S
+    while node.state != "done":
+        assert time.monotonic() < end, node.state
+        executor.spin_once(timeout_sec=0.02)
+    executor.shutdown()
+    assert node.collected == len(made_clip) - 1
+    assert (node.net.refused, node.net.faults) == (2, 0)
 
 
 def test_a_part_without_images_is_said_to_hold_none(make_node, made_clip, tmp_path):
