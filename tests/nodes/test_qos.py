@@ -146,9 +146,12 @@ def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(
 
 
 def test_a_publisher_with_another_quality_of_service_is_a_warning_with_the_cure(driven):
-    _node, _output, health, until = driven("best_effort", reliability="reliable")
+    node, output, health, until = driven("best_effort", reliability="reliable")
     until(lambda: warned(health) and "/image: a publisher offers another reliability than is wanted" in health[-1].status[0].message)
     assert "set reliability:=best_effort (qos_overrides./image.subscription.reliability)" in health[-1].status[0].message
+    output.destroy()
+    until(lambda: not node.count_publishers("/image"))
+    until(lambda: "offers another" not in health[-1].status[0].message)
 
 
 def test_what_is_waited_for_is_said_with_resolved_topics_and_how_many_publish_there(driven, capfd):
