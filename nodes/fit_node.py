@@ -138,7 +138,7 @@ class FitNode(ClipStage):
         self._exit(0)
 
     def on_failed(self, reason: str) -> None:
-        failed = self.state == FAILED
+        failed, reason = self.state == FAILED, reason.replace(OUT_FLAG, " with the parameter out")
         super().on_failed(f"run {self.run}: {reason}")
         level = messages.ERROR if failed else messages.WARN
         self.send(PROGRESS, fields.progress(self.now_ns(), stage=self.state, text=reason, level=level, run=self.run))

@@ -36,7 +36,7 @@ SAID_AGAIN_S = 10.0  # a word that still holds
 KEPT_MIB = 32.0  # by which a node may grow with a job before it gives memory back
 JOIN_S = 2.0  # how long a closing node waits for its worker
 HEALTH, CLOCK = "/diagnostics", "/clock"
-_NAME = re.compile(r"[~\w][\w/]*")
+_NAME = re.compile(r"[~/\w][\w/]*")
 
 
 class StageNode(ManagedNode):
@@ -50,7 +50,7 @@ class StageNode(ManagedNode):
 
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = ()) -> None:
         self.streams: dict[str, Stream] = {}  # by resolved topic
-        self._inputs: dict[str, str] = {}  # resolved topics by the names that the node gives them
+        self._inputs: dict[str, str] = {}  # resolved topics by the names that the node gives them, and by themselves
         self._overridable: set[str] = set()  # beginnings of parameters qos_overrides.*
         super().__init__(name, Net(self.get_logger))
         overrides: Mapping[str, Any] = self.get_parameters_by_prefix("")
@@ -79,7 +79,7 @@ class StageNode(ManagedNode):
         resolved = self.resolve_topic_name(topic)
         if resolved == CLOCK:  # rclpy's own
             return LifecycleNode.create_subscription(self, msg_type, topic, callback, qos_profile, *arguments, **options)
-        self._inputs[topic] = resolved
+        self._inputs |= {topic: resolved, resolved: resolved}
         self._overridable.add(f"{OVERRIDES}{resolved}.subscription")
         qos = copy(qos_profile) if isinstance(qos_profile, QoSProfile) else QoSProfile(depth=qos_profile)
         stream = Stream(resolved, sparse=topic in self.sparse) if is_stream(qos) else None
@@ -258,9 +258,11 @@ class StageNode(ManagedNode):
         return bool(self.streams) or self.received > 0
 
     def _doubts(self, now: float) -> Iterator[Doubt]:
-        for stream in self.streams.values():
+        publishers = {topic: self.count_publishers(topic) for topic in self.streams}
+        for topic, stream in self.streams.items():
+            stream.mismatch = stream.mismatch if publishers[topic] else ""
             yield from stream.doubts(now)
-        yield from silences(self.streams.values(), {topic: self.count_publishers(topic) for topic in self.streams}, now)
+        yield from silences(self.streams.values(), publishers, now)
 
     def _unheard(self, now: float, wanted: str) -> Iterator[Doubt]:
         if wanted and now - self._quiet_since > SILENCE_WARNING_S:
@@ -274,7 +276,8 @@ class StageNode(ManagedNode):
         return topic + (f" ({count} publisher{'s' * (count > 1)})" if count else " (no publisher)")
 
     def _warn(self, doubt: Doubt, now: float) -> None:
-        if now - self._said.get(doubt[:2], -SAID_AGAIN_S) >= SAID_AGAIN_S:
+        self._said = {said: when for said, when in self._said.items() if now - when < SAID_AGAIN_S}
+        if doubt[:2] not in self._said:
             self._said[doubt[:2]] = now
             self.get_logger().warning(doubt.text)
 

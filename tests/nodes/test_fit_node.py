@@ -147,6 +147,15 @@ def test_where_it_is_asked_for_the_process_ends_with_the_result_or_the_failure(r
     assert r.node.exit_status == 1
 
 
+def test_what_is_said_of_a_result_folder_names_the_parameter(robot):
+    r = robot()
+    r.listen("~/quality")
+    r.node.state = "failed"
+    r.node.on_failed("output folder x: another run owns it; choose another folder with --out")
+    r.until(lambda: r.heard["~/quality"])
+    assert r.heard["~/quality"][0].status[0].message == "output folder x: another run owns it; choose another folder with the parameter out"
+
+
 def test_nothing_is_played_while_nobody_subscribes(robot, made_recovery, made_clip):
     r = robot(playback__rate=4.0)
     r.node.on_news(Published(fields.answer(made_recovery, made_clip, config.build({}))))

@@ -116,7 +116,7 @@ def driven(make_node):
                 executor.spin_once(timeout_sec=0.05)
             return time.monotonic() - began
 
-        return node, output, health, until
+        return node, other, output, health, until
 
     yield make
     for executor, other in made:
@@ -129,7 +129,7 @@ def warned(health: list[DiagnosticArray]) -> bool:
 
 
 def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(driven, capfd):
-    node, output, health, until = driven("best_effort")
+    node, _, output, health, until = driven("best_effort")
     until(output.get_subscription_count)
     node.streams["/image"].lose(5)  # what the middleware would call; that it does is for benchmarks/transport.py, where images are large
     image = Image(height=4, width=4, encoding="rgb8", step=12, data=bytes(48))
@@ -146,13 +146,16 @@ def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(
 
 
 def test_a_publisher_with_another_quality_of_service_is_a_warning_with_the_cure(driven):
-    _node, _output, health, until = driven("best_effort", reliability="reliable")
+    node, other, output, health, until = driven("best_effort", reliability="reliable")
     until(lambda: warned(health) and "/image: a publisher offers another reliability than is wanted" in health[-1].status[0].message)
     assert "set reliability:=best_effort (qos_overrides./image.subscription.reliability)" in health[-1].status[0].message
+    other.destroy_publisher(output)
+    until(lambda: not node.count_publishers("/image"))
+    until(lambda: "offers another" not in health[-1].status[0].message)
 
 
 def test_what_is_waited_for_is_said_with_resolved_topics_and_how_many_publish_there(driven, capfd):
-    node, output, health, until = driven("best_effort")
+    node, _, output, health, until = driven("best_effort")
     until(output.get_subscription_count)
     health.clear()
     assert until(lambda: warned(health)) < 3.0
