@@ -44,18 +44,19 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--camera", action="store_true", help="be the camera")
     parser.add_argument("--clips", type=int, default=2, help="of 5 s, one after the other")
+    parser.add_argument("--slow", type=float, default=1.0, help="how many times slower than its stamps the camera sends, for a machine that is busy")
     parser.add_argument("--limit", type=float, default=900.0, help="longest wait for them [s]")
     parser.add_argument("--out", type=Path, default=Path("out/live_memory"), help="folder for the logs")
     options = parser.parse_args(arguments)
     if options.camera:
-        return camera()
+        return camera(options.slow)
     shutil.rmtree(options.out, ignore_errors=True)
     options.out.mkdir(parents=True)
     given = options.out / "given.yaml"
     given.write_text("".join(f"{name}: {value}\n" for name, value in SETTINGS.items()))
     own = {"ingest_node": {"clip.trigger": "manual", "reliability": "reliable"}, "inspect_node": {"file": options.out / "all.rrd"}}
     commands = {name: node(name, own.get(name, {}) | {"config": given}) for name in NODES}
-    commands["camera"] = [sys.executable, __file__, "--camera"]
+    commands["camera"] = [sys.executable, __file__, "--camera", "--slow", str(options.slow)]
     env = environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE)}
     running: dict[str, subprocess.Popen] = {}
     try:
@@ -82,10 +83,10 @@ def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace) -> 
         said = (options.out / "ingest_node.log").read_text()
         fits = (options.out / "fit_node.log").read_text()
         ended = fits.count("done: fields are latched") + fits.count("failed:")
-        if opened is None and time.monotonic() - began > FIRST_S + BETWEEN_S * recorded and recorded < options.clips:
+        if opened is None and time.monotonic() - began > options.slow * (FIRST_S + BETWEEN_S * recorded) and recorded < options.clips:
             call("/ingest_node/record", "std_srvs/srv/SetBool", options)
             opened, recorded = time.monotonic(), recorded + 1
-        elif opened is not None and time.monotonic() - opened > CLIP_S:
+        elif opened is not None and time.monotonic() - opened > options.slow * CLIP_S:
             call("/ingest_node/end", "std_srvs/srv/Trigger", options)
             opened = None
         print(f"{time.monotonic() - began:6.0f} s  " + "  ".join(f"{name} {value:5.0f}" for name, value in now.items()), f" published {said.count('published a clip')}, fitted {ended}", flush=True)
@@ -155,7 +156,7 @@ def swing() -> np.ndarray:
     return np.array(track)
 
 
-def camera() -> int:
+def camera(slow: float) -> int:
     """Publishes for ever, at the camera's rate."""
     import rclpy
     from geometry_msgs.msg import TransformStamped
@@ -177,7 +178,7 @@ def camera() -> int:
     began, first = time.monotonic(), time.time_ns()
     millimetres = depth.tobytes()
     for number in range(10**9):
-        time.sleep(max(0.0, began + number / HZ - time.monotonic()))
+        time.sleep(max(0.0, began + slow * number / HZ - time.monotonic()))
         head = messages.header(first + round(number / HZ * 1e9), "camera_optical")
         if number % HZ == 0:
             info.publish(to_ros("sensor_msgs/msg/CameraInfo", messages.camera_info(head, seen)))
