@@ -55,6 +55,7 @@ SHOWS = {
     "inspect": Argument("true", "start inspect_node", bool),
     "composed": Argument("false", "all nodes in one process", bool),
     "reliability": Argument("best_effort", "of the camera's topics: best_effort or reliable"),
+    "clip_trigger": Argument("always", "what opens a clip: always, manual (~/record) or motion"),
 }
 LOOKS = {
     "rerun": Argument("true", "start inspect_node, which writes a rerun recording or feeds a viewer", bool),
@@ -72,7 +73,7 @@ _INSPECT = _ALL | {"rrd": "file", "viewer": "viewer", "web_port": "web_port"}
 GETS = {
     "fit": {"fit_node": _FIT | {"bag": "bag"}, "inspect_node": _INSPECT},
     "graph": {
-        "ingest_node": _ALL | {name: name for name in ("reliability", "bag", *PLAY)},
+        "ingest_node": _ALL | {"clip_trigger": "clip.trigger"} | {name: name for name in ("reliability", "bag", *PLAY)},
         "segment_node": _ALL,
         "splat_node": _ALL,
         "fit_node": _FIT,

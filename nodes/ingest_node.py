@@ -26,6 +26,7 @@ from .convert import message_class, stamp_ns
 from .dispatch import MOST_WAITING, Dispatch
 from .intake import Intake
 from .limits import MAX_FRAMES, MAX_MIB, max_bytes
+from .memory import give_back
 from .parameters import Own, existing
 from .player import Part, Player, inputs, static_links
 from .qos import RELIABILITY, latched, profile, sensor
@@ -108,6 +109,9 @@ class IngestNode(StageNode):
         waiting = {"clips_waiting": len(self.dispatch.waiting), "clips_dropped": self.dispatch.dropped, "held_mib": (self.intake.bytes + self.dispatch.bytes) / 2**20}
         return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "dropped": self.ignored, **self.recorder.health(), **waiting}
 
+    def doubtful(self) -> bool:
+        return bool(self.recorder.recording and self.recorder.warning())
+
     def on_news(self, plain: Plain | None) -> None:
         """A message of a clip that is ready."""
         if plain is None:
@@ -121,6 +125,7 @@ class IngestNode(StageNode):
         self._room.release()
 
     def on_done(self, sent: Sent) -> None:
+        give_back()
         for note in sent.notes:
             self.get_logger().warning(note)
         self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")

@@ -20,6 +20,7 @@ _VALUES: dict[str, tuple[str, ...]] = {
     "durability": ("transient_local", "volatile"),
 }
 SENSOR_DEPTH = 10
+RELIABLE_DEPTH = 100  # three seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
 TREE_DEPTH = 20  # links of the camera's transform tree
 
 
@@ -35,9 +36,9 @@ def profile(topic: Topic) -> QoSProfile:
 
 
 def sensor(reliability: str) -> QoSProfile:
-    """Raw inputs: best effort takes every publisher; reliable loses nothing but needs a reliable publisher."""
+    """Raw inputs: best effort takes every publisher; reliable needs a reliable publisher, and loses nothing of a node that keeps up."""
     if reliability == "reliable":
-        return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_ALL)
+        return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=RELIABLE_DEPTH)
     return QoSProfile(reliability=RELIABILITY[reliability], history=HistoryPolicy.KEEP_LAST, depth=SENSOR_DEPTH)
 
 

@@ -188,6 +188,10 @@ class StageNode(ManagedNode):
         """More keys for /diagnostics."""
         return {}
 
+    def doubtful(self) -> bool:
+        """Whether /diagnostics warns though no input was refused."""
+        return False
+
     def _changed(self, names: Collection[str]) -> str:
         later = sorted(set(names) - set(self.on_parameters(names)))
         if not later:
@@ -231,7 +235,7 @@ class StageNode(ManagedNode):
         for doubt in doubts:
             self._warn(doubt, now)
         failed = self.state == FAILED or self.net.faults
-        level = messages.ERROR if failed else messages.WARN if (doubts and self.watchful) or self.net.bad_input_lately else messages.OK
+        level = messages.ERROR if failed else messages.WARN if (doubts and self.watchful) or self.net.bad_input_lately or self.doubtful() else messages.OK
         present = resident_mib()
         self._peak_mib = max(self._peak_mib, present)
         values = {

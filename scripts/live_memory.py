@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -26,6 +27,7 @@ FOCAL_PX, DISTANCE_M = 600.0, 0.5
 LEFT, RIGHT, TOP, BOTTOM = 150, 470, 200, 280  # of the strip [px]
 PERIOD = 240  # frames from push to push
 BOUND_MIB = 4096
+FIRST_S, BETWEEN_S, CLIP_S = 12.0, 10.0, 5.0  # when clips are recorded: the second one while the first is worked on
 SETTINGS = {
     "scene.clamp_box_m": "[-0.152, -0.06, 0.4, -0.1415, 0.06, 0.6]",
     "scene.thickness_m": 0.03,
@@ -42,46 +44,49 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--camera", action="store_true", help="be the camera")
     parser.add_argument("--clips", type=int, default=2, help="of 5 s, one after the other")
+    parser.add_argument("--slow", type=float, default=1.0, help="how many times slower than its stamps the camera sends, for a machine that is busy")
     parser.add_argument("--limit", type=float, default=900.0, help="longest wait for them [s]")
     parser.add_argument("--out", type=Path, default=Path("out/live_memory"), help="folder for the logs")
     options = parser.parse_args(arguments)
     if options.camera:
-        return camera()
+        return camera(options.slow)
     shutil.rmtree(options.out, ignore_errors=True)
     options.out.mkdir(parents=True)
     given = options.out / "given.yaml"
     given.write_text("".join(f"{name}: {value}\n" for name, value in SETTINGS.items()))
     own = {"ingest_node": {"clip.trigger": "manual", "reliability": "reliable"}, "inspect_node": {"file": options.out / "all.rrd"}}
     commands = {name: node(name, own.get(name, {}) | {"config": given}) for name in NODES}
-    commands["camera"] = [sys.executable, __file__, "--camera"]
-    before, env = shared_mib(), environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE)}
+    commands["camera"] = [sys.executable, __file__, "--camera", "--slow", str(options.slow)]
+    env = environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE)}
     running: dict[str, subprocess.Popen] = {}
     try:
         for name, command in commands.items():
             with (options.out / f"{name}.log").open("w") as log:
                 running[name] = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=env)
-        return watch(running, options, before)
+        while "publishing" not in (options.out / "camera.log").read_text():
+            time.sleep(0.5)
+        return watch(running, options)
     finally:
         for process in running.values():
             stop(process)
 
 
-def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace, before: float) -> int:
+def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace) -> int:
     """Records clips and looks at memory until all are fitted; returns the exit status."""
     most = dict.fromkeys([*NODES, "/dev/shm", "all"], 0.0)
     began, recorded, opened, ended = time.monotonic(), 0, None, 0
     while ended < options.clips and time.monotonic() - began < options.limit:
         time.sleep(0.5)
-        now = {name: pss_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib() - before}
+        now = {name: pss_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib([running[name].pid for name in NODES])}
         now["all"] = sum(now.values())
         most = {name: max(value, now[name]) for name, value in most.items()}
         said = (options.out / "ingest_node.log").read_text()
         fits = (options.out / "fit_node.log").read_text()
         ended = fits.count("done: fields are latched") + fits.count("failed:")
-        if opened is None and time.monotonic() - began > 20 + 12 * recorded and recorded < options.clips:
+        if opened is None and time.monotonic() - began > options.slow * (FIRST_S + BETWEEN_S * recorded) and recorded < options.clips:
             call("/ingest_node/record", "std_srvs/srv/SetBool", options)
             opened, recorded = time.monotonic(), recorded + 1
-        elif opened is not None and time.monotonic() - opened > 5.0:
+        elif opened is not None and time.monotonic() - opened > options.slow * CLIP_S:
             call("/ingest_node/end", "std_srvs/srv/Trigger", options)
             opened = None
         print(f"{time.monotonic() - began:6.0f} s  " + "  ".join(f"{name} {value:5.0f}" for name, value in now.items()), f" published {said.count('published a clip')}, fitted {ended}", flush=True)
@@ -113,9 +118,13 @@ def pss_mib(pid: int) -> float:
     return next((int(row.split()[1]) / 1024 for row in rows if row.startswith("Pss:")), 0.0)
 
 
-def shared_mib() -> float:
-    """What lies in /dev/shm."""
-    return sum(path.stat().st_blocks * 512 for path in Path("/dev/shm").iterdir() if path.is_file()) / MIB
+def shared_mib(pids: list[int]) -> float:
+    """What lies in files of /dev/shm that these processes map. Part of it is in their PSS, too."""
+    mapped = set[str]()
+    for pid in pids:
+        with suppress(OSError):
+            mapped |= {line.split()[-1] for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/dev/shm/" in line}
+    return sum(Path(name).stat().st_blocks * 512 for name in mapped if Path(name).exists()) / MIB
 
 
 def film() -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +156,7 @@ def swing() -> np.ndarray:
     return np.array(track)
 
 
-def camera() -> int:
+def camera(slow: float) -> int:
     """Publishes for ever, at the camera's rate."""
     import rclpy
     from geometry_msgs.msg import TransformStamped
@@ -165,10 +174,11 @@ def camera() -> int:
     image, deep = (me.create_publisher(Image, topic, sensor("reliable")) for topic in ("image", "depth"))
     info, pose = me.create_publisher(CameraInfo, "camera_info", sensor("reliable")), me.create_publisher(TransformStamped, "camera_pose", latched())
     pose.publish(to_ros("geometry_msgs/msg/TransformStamped", messages.camera_pose(0, seen)))
+    print("publishing", flush=True)
     began, first = time.monotonic(), time.time_ns()
     millimetres = depth.tobytes()
     for number in range(10**9):
-        time.sleep(max(0.0, began + number / HZ - time.monotonic()))
+        time.sleep(max(0.0, began + slow * number / HZ - time.monotonic()))
         head = messages.header(first + round(number / HZ * 1e9), "camera_optical")
         if number % HZ == 0:
             info.publish(to_ros("sensor_msgs/msg/CameraInfo", messages.camera_info(head, seen)))
