@@ -26,8 +26,8 @@ from ..vibration.forced_frames import Support, find_support
 from .evidence import Evidence
 from .force import ForceProblem
 from .free_tail import DETUNED, RATIO_SD, STEP, Physics, Tail, differences
-from .uncertainty import DENSITY_CONTRAST, outline_sd
 from .stages import SETTLED, Fit
+from .uncertainty import DENSITY_CONTRAST, outline_sd
 from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of
 from .zone_layout import Division
 
