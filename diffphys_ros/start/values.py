@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +28,7 @@ AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived
 LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least
 LEAST_FREE = 8  # frames without a force below which the answer is the prior's, not the clip's
+LEAST_SWING = 0.5  # of a period of the lowest mode that these frames last at the least: a shorter swing passes for a push
 
 
 def start_values(
@@ -79,10 +81,11 @@ def joint_values(
     best, cost = found[int(np.argmin(costs))], min(costs)
     logs = np.array([np.log10(fit.physics.young) for fit, c in zip(found, costs, strict=True) if c <= NEARLY * cost])
     spread = np.ptp(logs, axis=0) if len(logs) > 1 else np.full(logs.shape[1], LONE_SD)
-    free = int((~best.whole.allowed).sum())
-    told = (spread < AGREEMENT) & (free >= LEAST_FREE) & evidence.moves
+    free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
+    needed = max(LEAST_FREE, math.ceil(LEAST_SWING / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
+    told = (spread < AGREEMENT) & (free >= needed) & evidence.moves
     reason = (
-        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {LEAST_FREE}), "
+        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {needed}), "
         f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})."
     )
     sd = np.maximum(spread, LEAST_SD)
