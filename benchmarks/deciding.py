@@ -37,7 +37,7 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     ),
     "vibration.continuity": "STRIDE STRANGE WITHOUT_REST MOVING",
     "start.evidence": "STILL",
-    "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT LEAST_FREE",
+    "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT",
     "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD FASTEST<=0.5 DETUNED",
     "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1 MOST_EDGE",
     "start.uncertainty": "SILHOUETTE_PX DENSITY_CONTRAST",

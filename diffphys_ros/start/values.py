@@ -12,7 +12,7 @@ from ..config import Settings
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
-from ..vibration.forced_frames import Support, find_support
+from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
 from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
@@ -27,8 +27,6 @@ STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived
 LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least
-LEAST_FREE = 8  # frames without a force below which the answer is the prior's, not the clip's
-LEAST_SWING = 0.5  # of a period of the lowest mode that these frames last at the least: a shorter swing passes for a push
 
 
 def start_values(
@@ -82,7 +80,8 @@ def joint_values(
     logs = np.array([np.log10(fit.physics.young) for fit, c in zip(found, costs, strict=True) if c <= NEARLY * cost])
     spread = np.ptp(logs, axis=0) if len(logs) > 1 else np.full(logs.shape[1], LONE_SD)
     free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
-    needed = max(LEAST_FREE, math.ceil(LEAST_SWING / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
+    # a shorter swing passes for a push
+    needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
     told = (spread < AGREEMENT) & (free >= needed) & evidence.moves
     reason = (
         f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {needed}), "
