@@ -41,6 +41,7 @@ class Fit:
     physics: Physics
     footprint: Footprint = field(default_factory=Footprint)
     force: np.ndarray | None = None  # amplitude [N/m^3], (T, 3); None: none was fitted yet
+    heaviness: np.ndarray | None = None  # of the prior on the size of each frame's force (see ForceProblem), (T,)
     grown: bool = False  # whether the forced frames are more than those that physics were read from
 
     @classmethod
@@ -58,7 +59,8 @@ class Fit:
     @property
     def whole(self) -> ForceProblem:
         """The problem of all frames."""
-        return self.evidence.whole(self.modal, self.support)
+        problem = self.evidence.whole(self.modal, self.support)
+        return problem if self.heaviness is None else replace(problem, heaviness=self.heaviness)
 
     @property
     def load(self) -> np.ndarray:
@@ -110,9 +112,9 @@ def guess(elements: Elements, guess_scale: float) -> list[Stage]:
 def joint() -> list[Stage]:
     """Stiffness, damping and force together: a force fitted first would explain the motion at any stiffness."""
     return [
-        *(Stage("sparse force", "all frames and what is believed", ("physics", "force"), partial(_sparse, weight=w)) for w in SPARSITY[:-1]),
+        *(Stage("sparse force", "all frames and what is believed", ("heaviness", "physics", "force"), partial(_sparse, weight=w)) for w in SPARSITY[:-1]),
         Stage("forced frames", "all frames", ("support",), _kept),
-        Stage("refine", "all frames and what is believed", ("physics", "force"), partial(_sparse, weight=SPARSITY[-1])),
+        Stage("refine", "all frames and what is believed", ("heaviness", "physics", "force"), partial(_sparse, weight=SPARSITY[-1])),
     ]
 
 
@@ -177,11 +179,10 @@ def guessed(young: np.ndarray) -> Physics:
 
 def _sparse(fit: Fit, *, weight: float) -> Fit:
     """A round of a force that is sparse in time: the weight of each frame's size comes from the force of the round before."""
-    whole = fit.whole
-    size = np.ones(len(whole.known)) if fit.force is None else np.linalg.norm(fit.force * AXES, axis=1) / whole.force_unit
-    whole = replace(whole, heaviness=weight / np.hypot(size, ROUNDING))
-    physics = whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
-    return replace(fit, physics=physics, force=whole.solve(physics, fit.load).force)
+    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force * AXES, axis=1) / fit.whole.force_unit
+    fit = replace(fit, heaviness=weight / np.hypot(size, ROUNDING))
+    physics = fit.whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
+    return replace(fit, physics=physics, force=fit.whole.solve(physics, fit.load).force)
 
 
 def _kept(fit: Fit) -> Fit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from ..config import Settings
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
-from ..vibration.forced_frames import Support, find_support
+from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
 from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
@@ -26,7 +27,6 @@ STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
 NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived
 LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least
-LEAST_FREE = 8  # frames without a force below which the answer is the prior's, not the clip's
 
 
 def start_values(
@@ -79,10 +79,12 @@ def joint_values(
     best, cost = found[int(np.argmin(costs))], min(costs)
     logs = np.array([np.log10(fit.physics.young) for fit, c in zip(found, costs, strict=True) if c <= NEARLY * cost])
     spread = np.ptp(logs, axis=0) if len(logs) > 1 else np.full(logs.shape[1], LONE_SD)
-    free = int((~best.whole.allowed).sum())
-    told = (spread < AGREEMENT) & (free >= LEAST_FREE) & evidence.moves
+    free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
+    # a shorter swing passes for a push
+    needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
+    told = (spread < AGREEMENT) & (free >= needed) & evidence.moves
     reason = (
-        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {LEAST_FREE}), "
+        f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {needed}), "
         f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})."
     )
     sd = np.maximum(spread, LEAST_SD)

@@ -11,14 +11,18 @@ from scipy.spatial import cKDTree
 from ..modes.model import ModalModel
 from ..types import Body, Camera, Tracks
 
+LEAST_POINTS = 0.05  # of the tracks that must hold in a frame for it to count as seen
 CANDIDATES = 6  # principal coordinates that are looked at
 MOST_COORDINATES = 3  # that are kept
 LEAST_SEEN = 0.4  # of the frames in which a track must hold
 LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have
+OVER_NOISE = 1.5  # times the common noise that it must have as well
+NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates
 ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each
 NEIGHBOURS = 5  # that stand in for a point that was lost in a frame
-FARTHEST = 3.0  # displacements beyond this many times a frame's 95th percentile are no part of the body
+USUAL, FARTHEST, NOISY = 95, 3.0, 10.0  # percentile of a frame's displacements; beyond so many times that, and so many times the noise, they
+# are no part of the body
 WILD = 6.0  # misfits of single track positions beyond this many times the median are left out
 SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart
 COHERENT_SHARE = 0.5  # of the track noise that is common to all points
@@ -91,7 +95,7 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     across = None if tracks.has_depth else _across(points[0], None if camera is None else body.to_body(camera.position))
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
-    known = tracks.valid.mean(1) > 0.05
+    known = tracks.valid.mean(1) > LEAST_POINTS
     known[0] = True
     valid = _plausible(displacement, tracks.valid, tracks.noise_m)
     principal = _principal(points[0], displacement, valid, known)
@@ -111,8 +115,8 @@ def _plausible(displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> n
     length = np.where(valid, np.linalg.norm(displacement, axis=2), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # frames in which nothing was seen
-        usual = np.nanpercentile(length, 95, axis=1)
-    return valid & (np.nan_to_num(length) <= FARTHEST * np.nan_to_num(usual)[:, None] + 10 * noise_m)
+        usual = np.nanpercentile(length, USUAL, axis=1)
+    return valid & (np.nan_to_num(length) <= FARTHEST * np.nan_to_num(usual)[:, None] + NOISY * noise_m)
 
 
 def _across(points: np.ndarray, eye: np.ndarray | None) -> np.ndarray:
@@ -163,12 +167,12 @@ def _first_order(principal: np.ndarray, *, floor: float) -> list[int]:
     chosen = [0]
     for k in range(1, principal.shape[1]):
         q = principal[:, k]
-        if len(chosen) == MOST_COORDINATES or q.std() < max(LEAST_SHARE * principal[:, 0].std(), 1.5 * floor):
+        if len(chosen) == MOST_COORDINATES or q.std() < max(LEAST_SHARE * principal[:, 0].std(), OVER_NOISE * floor):
             break
         terms = np.column_stack([_products(principal[:, chosen]), principal[:, chosen], np.ones(len(q))])
         scaled = terms / np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
         rest = q - scaled @ np.linalg.lstsq(scaled, q, rcond=None)[0]
-        if rest.var() > 0.5 * q.var():
+        if rest.var() > NEW_SHARE * q.var():
             chosen.append(k)
     return chosen
 

@@ -12,8 +12,11 @@ import numpy as np
 
 COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the least
 CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little
+SECOND_NOISE = 6.0  # variance of a second difference over that of a frame: 1 + 4 + 1
 FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force
-LATE_SIGMA = 6.0  # the same well inside the tail, where only a strong misfit counts
+LATE_SIGMA, LATE = 6.0, 4  # the same well inside the tail, where only a strong misfit counts: from so many equations after its start
+ROBUST_ROUNDS = 6  # at which equations are those of a force is asked anew
+RIDGE = 1e-5  # of the largest coordinate: decides for coordinates that hardly move
 TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail
 LEAST_EQUATIONS = 2.0  # scalar equations per unknown of the recursion, at the least
 LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS = 8, 0.7  # that a free tail lasts; periods are those of its leading oscillation
@@ -96,7 +99,7 @@ class Rows:
 
     def fit(self, keep: np.ndarray) -> np.ndarray:
         """Least-squares matrix (2 n [+ 1], n), with a touch of ridge for coordinates that hardly move."""
-        ridge = 1e-5 * np.abs(self.source).max() * np.eye(self.source.shape[1])
+        ridge = RIDGE * np.abs(self.source).max() * np.eye(self.source.shape[1])
         zero = np.zeros((len(ridge), self.target.shape[1]))
         return np.linalg.lstsq(np.vstack([self.source[keep], ridge]), np.vstack([self.target[keep], zero]), rcond=None)[0]
 
@@ -104,14 +107,14 @@ class Rows:
         """Matrix of the equations from `start` on without those of a force, the misfits (T-2,) of all under it, which were kept, their usual
         misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n)."""
         second = np.diff(moved, 2, axis=0)  # six times the noise variance; what the recursion has to explain
-        floor = float(np.hypot(COMMON_SHARE * noise_m * np.sqrt(6.0), CURVED_SHARE * np.sqrt((second**2).mean())))
+        floor = float(np.hypot(COMMON_SHARE * noise_m * np.sqrt(SECOND_NOISE), CURVED_SHARE * np.sqrt((second**2).mean())))
         keep = self.usable & (np.arange(len(self.target)) >= start)
-        for _ in range(6):
+        for _ in range(ROBUST_ROUNDS):
             matrix = self.fit(keep)
             misfit = self.misfit(matrix)
             sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
             keep = self.usable & (misfit < FORCED_SIGMA * sigma)
-            keep[start + 4 :] |= self.usable[start + 4 :] & (misfit[start + 4 :] < LATE_SIGMA * sigma)
+            keep[start + LATE :] |= self.usable[start + LATE :] & (misfit[start + LATE :] < LATE_SIGMA * sigma)
         return matrix, misfit, keep, sigma, floor
 
     def leading_sd(self, keep: np.ndarray, matrix: np.ndarray, tail: np.ndarray, floor: float) -> np.ndarray:

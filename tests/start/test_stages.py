@@ -1,0 +1,86 @@
+"""The first answer stage by stage, and clips that end before their free motion begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.config import Settings
+from diffphys_ros.footprints import Footprint
+from diffphys_ros.modes import ModalModel
+from diffphys_ros.start import joint_values, joint_wanted, start_values
+from diffphys_ros.start.stages import Fit, Stage, active, run
+from diffphys_ros.types import Body, StartValues, Tracks
+from diffphys_ros.vibration.forced_frames import Support
+from tests.made_bar import FORCED, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
+
+AT_REST = settings(at_rest=True)
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return bar()
+
+
+@pytest.fixture(scope="module")
+def truth(body) -> ModalModel:
+    return modes_of(body, YOUNG, finer=0.85, count=12)
+
+
+def first(seen: Tracks, frames: int) -> Tracks:
+    return replace(seen, pixels=seen.pixels[:frames], points=seen.points[:frames], valid=seen.valid[:frames])
+
+
+def found_jointly(body: Body, seen: Tracks, told: Settings) -> tuple[StartValues, StartValues]:
+    """What the first answer guesses, and what it makes of that."""
+    guess, modal = start_values(body, seen, PERIOD_S, told)
+    return guess, joint_values(body, seen, PERIOD_S, told, guess, modal, camera=camera())
+
+
+def cosine(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a * b).sum() / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def test_a_stage_changes_what_it_says_is_free_and_nothing_else() -> None:
+    before = Fit(None, None, None, None)  # type: ignore[arg-type]
+    stage = Stage("force", "all frames", ("force",), lambda fit: replace(fit, force=np.ones((2, 3)), footprint=Footprint("gaussian", np.ones(3)), grown=True))
+    after = run([stage], before)
+    assert after.force is not None
+    assert replace(after, force=None) == before
+
+
+@pytest.mark.parametrize(("schedule", "free_tail", "wanted"), [("auto", True, False), ("auto", False, True), ("joint", True, True), ("modes", False, False)])
+def test_force_and_stiffness_are_found_together_where_asked_for_or_where_no_free_tail_tells(schedule: str, free_tail: bool, wanted: bool) -> None:
+    asked = replace(AT_REST, experiment=replace(AT_REST.experiment, schedule=schedule))
+    assert joint_wanted(SimpleNamespace(has_free_tail=free_tail), asked) is wanted  # type: ignore[arg-type]
+
+
+def test_frames_before_and_after_a_gust_carry_a_force_and_a_zero_crossing_is_bridged() -> None:
+    size = np.array([0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0.1])
+    forced = Support(active(size), False, np.zeros(0), np.zeros(0), 0.0)
+    np.testing.assert_array_equal(np.flatnonzero(forced.allowed), np.arange(1, 9))
+
+
+@pytest.mark.parametrize(("free", "within", "claimed"), [(2, 0.12, False), (10, 0.015, True)])
+def test_a_clip_that_ends_soon_after_the_force_tells_its_stiffness_and_claims_it_only_with_frames_without_force(
+    body, truth, free: int, within: float, claimed: bool
+) -> None:
+    seen = first(tracks(truth, motion(truth, YOUNG, gust())), FORCED.stop + free)
+    guess, found = found_jointly(body, seen, AT_REST)
+    assert not guess.has_free_tail
+    assert np.abs(np.log10(guess.young / YOUNG)).max() > within
+    assert np.abs(np.log10(found.young / YOUNG)).max() < within
+    assert found.identified.all() == found.identified.any() == claimed
+    assert cosine(found.force, gust()[: len(found.force)]) > 0.95
+
+
+def test_a_clip_that_starts_in_motion_has_that_motion_found_beside_force_and_stiffness(body, truth) -> None:
+    begun = np.zeros((2, truth.modes))
+    begun[0, :2], begun[1, :2] = (2.5e-3, -1e-3), (0.02, 0.03)
+    q = motion(truth, YOUNG, gust(), initial_displacement=begun[0], initial_velocity=begun[1])
+    _, found = found_jointly(body, first(tracks(truth, q), FORCED.stop + 8), settings(at_rest=False))
+    assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
+    assert found.track_cost < 1e-3
