@@ -89,7 +89,9 @@ class FitNode(ClipStage):
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         if self.bag:
             return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
-        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats[self.buffer.id].splats, settings), settings, out, resume)
+        clip = self.buffer.id
+        assert clip is not None
+        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats[clip].splats, settings), settings, out, resume)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
