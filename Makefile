@@ -10,7 +10,7 @@ help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
-	@echo "make many-clips   a hundred tiny clips in a row through the five nodes (under 20 minutes on two cores); COUNT=n"
+	@echo "make many-clips   a hundred tiny clips in a row through the five nodes; COUNT=n"
 	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
 	@echo "make test         all tests but those of make faults (twelve minutes; JOBS=2 on two cores: seven and a half)"
 	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"

@@ -141,7 +141,8 @@ class ClipBuffer:
 
     def copy(self) -> ClipBuffer:
         """The same messages, for a thread that must not see later ones."""
-        return replace(self, **{name: dict(getattr(self, name)) for name in ("images", "depths", "masks", "fresh", "singles", "sent")})
+        kept = {name: dict(getattr(self, name)) for name in ("images", "depths", "masks", "fresh", "singles", "sent")}
+        return replace(self, **kept)  # type: ignore[arg-type]
 
     def _open(self, info: Any, sent_ns: int | None) -> bool:
         before, known = self.id, sent_ns is not None and self.opened_ns is not None

@@ -35,7 +35,7 @@ class SplatNode(ClipStage):
             clip = placed((yield from assembled(buffer, frames=1)), settings)
             depth0, _ = surface_depth(clip, settings)
             splats = yield from fit_gaussians(clip, depth0, settings)
-            return splat_cloud(splats, messages.header(buffer.id, world_frame(clip.camera)), buffer.first_labels_crc())
+            return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)), buffer.first_labels_crc())
 
         return fit
 

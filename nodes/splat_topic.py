@@ -26,7 +26,7 @@ def splat_cloud(splats: Splats, header: dict[str, Any], labels_crc: int) -> dict
 def labels_crc_of(cloud: Any) -> int | None:
     """CRC-32 of the mask that the Gaussians of a PointCloud2 were fitted in; None where it does not say."""
     points = clouds.unpack(cloud).ravel()
-    if LABELS not in points.dtype.names or points.dtype[LABELS].kind != "u":
+    if LABELS not in (points.dtype.names or ()) or points.dtype[LABELS].kind != "u":
         return None
     return int(points[LABELS][0])
 

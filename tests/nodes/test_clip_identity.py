@@ -78,6 +78,14 @@ def test_a_clip_of_which_all_came_before_its_camera_info_is_whole(first, second)
     np.testing.assert_array_equal(buffer.clip().labels, second.labels)
 
 
+def poll(node, done) -> None:
+    until = time.monotonic() + PATIENCE_S
+    while not done():
+        assert time.monotonic() < until, node.waiting_for() or node.state
+        node._poll()
+        time.sleep(0.005)
+
+
 class Gated(SplatNode):
     """Its job waits, and says which labels it was given: of frame 0 and another, more it does not keep."""
 
@@ -105,8 +113,7 @@ class Gated(SplatNode):
 
     def finish(self) -> None:
         self.gate.set()
-        while self.worker.busy:
-            self._poll()
+        poll(self, lambda: not self.worker.busy)
 
 
 def test_other_masks_end_the_work_on_the_old_ones_and_only_theirs_is_published(make_node, first) -> None:
@@ -115,8 +122,7 @@ def test_other_masks_end_the_work_on_the_old_ones_and_only_theirs_is_published(m
         node.take(name, message)
     assert len(node.begun) == 1  # the new set is not complete
     node.take(*masks_of(other)[-1])
-    while len(node.begun) < 2:
-        node._poll()
+    poll(node, lambda: len(node.begun) == 2)
     node.finish()
     assert len(node.ended) == 1
     np.testing.assert_array_equal(node.ended[0], other.labels[:2])
@@ -158,8 +164,7 @@ class Fitting(FitNode):
         return work
 
     def settle(self) -> None:
-        while self.worker.busy:
-            self._poll()
+        poll(self, lambda: not self.worker.busy)
 
 
 def test_gaussians_of_another_clip_or_of_other_labels_are_not_fitted(make_node, first, second) -> None:
