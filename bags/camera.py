@@ -15,8 +15,10 @@ from diffphys_ros.types import Camera
 ASSUMED_FOV_DEG = 50.0
 FOV_DEG = (0.1, 175.0)  # fields of view that a camera_info may state, horizontally and vertically
 MOST_OFFSET = 10.0  # of the principal point from the image's corner, in sizes of the image: a crop lies beside it
+ROTATION = 1e-3  # by which products of the rows of a rotation may be off
 SKEW = 1e-6  # of the focal length, up to which a skew is rounding
-COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), "equidistant": (4,)}  # numbers that a model may have
+EQUIDISTANT = "equidistant"
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), EQUIDISTANT: (4,)}  # numbers that a model may have
 LEAST_INSIDE = 0.5  # of the undistorted picture that must come from inside of the distorted one
 MOST_SIDE = 32766  # px: OpenCV counts the pixels of a map in 16 bits
 MOST_DISTANCE_M = 1e6  # of a camera from its world's origin; beyond, double precision no longer tells what a clip shows
@@ -90,34 +92,42 @@ def camera_from_fov(
     return _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id)
 
 
-def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Function that removes lens distortion from a colour or depth image and keeps k; None where there is no distortion.
+def undistorter(
+    k: ArrayLike, d: ArrayLike, model: str, width: int, height: int, *, turn: np.ndarray | None = None
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Function that removes lens distortion from a colour or depth image and keeps k; None where there is none to remove.
 
     Args:
-        model: distortion_model of camera_info: 'plumb_bob', 'rational_polynomial' or 'equidistant'.
+        model: distortion_model of camera_info: 'plumb_bob', 'rational_polynomial' or 'equidistant'. The last bends rays with
+            coefficients of 0 too.
+        turn: rotation (3, 3) from the camera as it stands to the one that is wanted, R of camera_info.
 
     Raises InputError for another model, a number of coefficients that the model does not have, and a distortion that no lens has.
     """
     coefficients = np.asarray(d, float).ravel()
-    if not coefficients.any():
+    straight = not coefficients.any() and not (model == EQUIDISTANT and coefficients.size)
+    if straight and turn is None:
         return None
     matrix, size = _intrinsics(k, d, width, height), (width, height)
     allowed = COEFFICIENTS.get(model or "rational_polynomial")
-    if allowed is None:
+    if straight:
+        model, coefficients = "plumb_bob", np.zeros(5)
+    elif allowed is None:
         raise InputError(
             f"camera_info has distortion_model '{named(model)}', must be plumb_bob, rational_polynomial or equidistant; record rectified images"
         )
-    if coefficients.size not in allowed:
+    elif coefficients.size not in allowed:
         raise InputError(
             f"camera_info has {coefficients.size} distortion coefficients for {model or 'no distortion_model'}, must be {listed(allowed)}; "
             "calibrate the camera, or record rectified images"
         )
     if max(size) > MOST_SIDE:
         raise InputError(f"camera_info has a distortion for images of {width}x{height} px, at most {MOST_SIDE} px a side can be undistorted; record smaller images")
-    if model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    turn = np.eye(3) if turn is None else _rotation(turn)
+    if model == EQUIDISTANT:
+        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, turn, matrix, size, cv2.CV_32FC1)
     else:
-        maps = cv2.initUndistortRectifyMap(matrix, coefficients, None, matrix, size, cv2.CV_32FC1)
+        maps = cv2.initUndistortRectifyMap(matrix, coefficients, turn, matrix, size, cv2.CV_32FC1)
     inside = (maps[0] >= 0) & (maps[0] <= width - 1) & (maps[1] >= 0) & (maps[1] <= height - 1)  # false for NaN
     if inside.mean() < LEAST_INSIDE:
         raise InputError(
@@ -131,6 +141,12 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
         return cv2.remap(image, *maps, how)
 
     return undistort
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION or np.linalg.det(turn) < 0:  # also false for NaN
+        raise InputError("camera_info has an R that is no rotation; calibrate the camera, or record rectified images")
+    return turn
 
 
 def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float]) -> np.ndarray:

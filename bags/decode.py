@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 
 from diffphys_ros.bags.compressed_depth import HEADER, dequantised, is_compressed_depth, is_rvl, rvl_size, rvl_values
-from diffphys_ros.bags.encodings import BOTH, CHANNELS, DEPTH, check_size, colour_of, eight_bits, is_depth, kind_of, metres, row_bytes
+from diffphys_ros.bags.encodings import BOTH, check_size, colour_of, eight_bits, is_depth, kind_of, metres, row_bytes
 from diffphys_ros.errors import InputError, short
 
-__all__ = ["CHANNELS", "DEPTH", "MAX_PIXELS", "check_image", "declared_size", "decode_compressed", "decode_image", "is_depth"]
+__all__ = ["MAX_PIXELS", "check_image", "declared_size", "decode_compressed", "decode_image", "is_depth"]
 
 PNG_MAGIC, JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers that carry the picture's size

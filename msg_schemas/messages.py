@@ -78,6 +78,12 @@ def camera_pose(nanoseconds: int, camera: Camera) -> dict[str, Any]:
     }
 
 
+def gravity(nanoseconds: int, camera: Camera, measured: np.ndarray | None) -> dict[str, Any]:
+    """geometry_msgs/Vector3Stamped of a measured gravity [m/s^2] (3,) in the world; zeros without one."""
+    x, y, z = (0.0, 0.0, 0.0) if measured is None else map(float, measured)
+    return {"header": header(nanoseconds, world_frame(camera)), "vector": {"x": x, "y": y, "z": z}}
+
+
 def world_frame(camera: Camera) -> str:
     """Name of the frame in which results are given: root of the camera's transform tree, else the optical frame."""
     return camera.world_frame_id or camera.frame_id

@@ -11,13 +11,13 @@ from diffphys_ros.bags.assemble import assemble, uniform_clock
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 
-from .clip_checks import array_of, camera_of, check, labels_of
+from .clip_checks import array_of, camera_of, check, gravity_of, labels_of
 from .convert import stamp_ns
 from .limits import MAX_FRAMES, MAX_MIB, MIB
 
 SOURCE = "topics clip/*"
 INFO, MASK = "clip/camera_info", "clip/mask"
-SINGLE = {"clip/camera_pose": "pose", "clip/first_mask": "first_mask", "clip/end": "end"}  # attribute of a ClipBuffer
+SINGLE = {"clip/camera_pose": "pose", "clip/gravity": "gravity", "clip/first_mask": "first_mask", "clip/end": "end"}  # attribute of a ClipBuffer
 MANY = {"clip/image": "images", "clip/depth": "depths", MASK: "masks"}  # attribute, by stamp
 OVERFULL = f"{INFO} of another clip, for this one was too large"
 
@@ -33,6 +33,7 @@ class ClipBuffer:
     max_bytes: int = MAX_MIB.default * MIB
     info: Any = None
     pose: Any = None
+    gravity: Any = None
     first_mask: Any = None
     end: Any = None  # announces the number of images
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
@@ -77,6 +78,7 @@ class ClipBuffer:
         wanted = {
             f"clip/image (all {self.count} that clip/end announced, of {self.info.width}x{self.info.height} px)": len(frames) >= (self.count or 0),
             "clip/camera_pose": self.pose is not None,
+            "clip/gravity": self.gravity is not None,
             "clip/first_mask": self.first_mask is not None,
             "clip/depth": len(self.depths) >= (1 if self._without_depth else len(frames)),
         }
@@ -87,7 +89,7 @@ class ClipBuffer:
         """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
         depths = [] if self._without_depth else [(s, array_of(m)) for s, m in sorted(self.depths.items()) if m.height]
         images = [(s, array_of(m)) for s, m in sorted(self._frames().items())]
-        clip = assemble(images, depths, camera_of(self.info, self.pose), SOURCE)
+        clip = replace(assemble(images, depths, camera_of(self.info, self.pose), SOURCE), gravity=gravity_of(self.gravity))
         if self.first_mask is not None and self.first_mask.height:
             clip = replace(clip, first_labels=labels_of(self.first_mask, "clip/first_mask"))
         masks = self._masks()

@@ -18,7 +18,7 @@ from .qos import profile
 from .stage import StageNode
 from .worker import CANCELLED, Job
 
-CLIP = (INFO, "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/end")
+CLIP = (INFO, "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/image", "clip/depth", "clip/end")
 
 
 class ClipStage(StageNode):

@@ -26,6 +26,7 @@ def clip_messages(clip: Clip, stamps: np.ndarray, pose: dict[str, Any] | None = 
     camera, first, seen = clip.camera, int(stamps[0]), np.flatnonzero(clip.seen)
     yield "clip/camera_info", messages.camera_info(messages.header(first, camera.frame_id), camera)
     yield "clip/camera_pose", pose or messages.camera_pose(first, camera)
+    yield "clip/gravity", messages.gravity(first, camera, clip.gravity)
     head = messages.header(first, camera.frame_id)
     yield "clip/first_mask", messages.no_image(head) if clip.first_labels is None else messages.image(head, clip.first_labels, "mono8")
     for k in seen:

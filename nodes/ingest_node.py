@@ -9,21 +9,24 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.bags.transforms import MOVING, STATIC
+from diffphys_ros.bags.world import NotYetError
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Clip
 
+from .beside import COLOUR_INFO, DEPTH_INFO, IMU, POSE, Beside
 from .clip_stage import CLIP
 from .clip_topics import clip_messages, slot_stamps
 from .convert import stamp_ns
-from .intake import Intake, clip_of
+from .intake import DEPTH, PRESSED_DEPTH, Intake, clip_of, images_of
 from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
 from .parameters import Own, existing
-from .qos import RELIABILITY, latched, sensor
+from .qos import RELIABILITY, latched, moving, sensor
 from .stage import StageNode
 from .worker import Job
 
@@ -36,6 +39,9 @@ OWN = (
     MAX_MIB,
 )
 MAX_SILENCE_S = 3600.0
+PATIENCE_S = 10.0  # for a camera_info or a transform that a clip lacks when it ends
+LOOK_AGAIN_S = 0.1
+IMAGE, PRESSED, MASK = "image", "image/compressed", "mask"
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
@@ -45,7 +51,10 @@ class IngestNode(StageNode):
     def __init__(self) -> None:
         super().__init__("ingest_node", OWN, CLIP)
         self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
-        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters))
+        names = (IMAGE, PRESSED, DEPTH, PRESSED_DEPTH, MASK, COLOUR_INFO, DEPTH_INFO, POSE, IMU)
+        self.beside = Beside({name: self.resolve_topic_name(name) for name in names})
+        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters), self.beside)
+        self.lacking = ""  # what a clip that ended waits for
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -65,15 +74,24 @@ class IngestNode(StageNode):
         """Close the clip and make it in the worker's thread."""
         self.closed = True
         self.worker.start(job)
-        self.state = "working"
+        self.state, self.lacking = "working", ""
 
     def waiting_for(self) -> str:
         if self.closed:
-            return ""
-        return "image or image/compressed" if not self.collected else "the end of the clip" if self.intake.infos else "camera_info"
+            return self.lacking
+        if not self.collected:
+            return f"{self.beside.name(IMAGE)} or {self.beside.name(PRESSED)}"
+        return "the end of the clip" if self.beside.infos(COLOUR_INFO) else self.beside.name(COLOUR_INFO)
 
     def health(self) -> dict[str, Any]:
         return {"frames": self.collected, "frequency_hz": self._frequency(), "dropped": self.ignored}
+
+    def on_news(self, news: str) -> None:
+        """The clip that ended cannot be made yet, or (empty) still not."""
+        if not news:
+            return
+        self.lacking = news
+        self.get_logger().warning(f"{news}; waiting for it for {PATIENCE_S:g} s")
 
     def on_done(self, result: tuple[Clip, np.ndarray, Any]) -> None:
         clip, stamps, pose = result
@@ -91,18 +109,21 @@ class IngestNode(StageNode):
 
     def _subscribe(self) -> None:
         qos = sensor(self.parameters["reliability"])
-        for topic, kind in (("image", Image), ("image/compressed", CompressedImage)):
+        for topic, kind in ((IMAGE, Image), (PRESSED, CompressedImage)):
             self.create_subscription(kind, topic, partial(self._on_image, topic), qos)
-        for beside in ("depth", "mask"):
-            self.create_subscription(Image, beside, partial(self._on_beside, beside), qos)
-        self.create_subscription(CameraInfo, "camera_info", self._on_info, qos)
-        self.create_subscription(TransformStamped, "camera_pose", self.intake.take_link, latched())
+        for topic, kind in ((DEPTH, Image), (PRESSED_DEPTH, CompressedImage), (MASK, Image)):
+            self.create_subscription(kind, topic, partial(self._on_beside, topic), qos)
+        for info in (COLOUR_INFO, DEPTH_INFO):
+            self.create_subscription(CameraInfo, info, partial(self._on_info, topic=info), qos)
+        self.create_subscription(Imu, IMU, self.beside.take_imu, sensor("best_effort"))
+        self.create_subscription(TransformStamped, POSE, self.beside.take_link, latched())
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
-            pass  # an installation without tf2_msgs has camera_pose
+            self.get_logger().info(f"tf2_msgs is not installed: transforms come from {self.beside.name(POSE)} alone")
         else:
-            self.create_subscription(TFMessage, "/tf_static", self._on_tree, latched())
+            for topic, profile in ((STATIC, latched()), (MOVING, moving())):
+                self.create_subscription(TFMessage, topic, partial(self._on_tree, kind=topic), profile)
         self.create_timer(0.1, self._look_for_silence)
 
     def _on_image(self, topic: str, message: Any) -> None:
@@ -123,14 +144,14 @@ class IngestNode(StageNode):
 
     def _on_beside(self, topic: str, message: Any) -> None:
         if not self.closed:
-            (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
+            (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
 
-    def _on_info(self, message: Any) -> None:
-        self.intake.take_info(message, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+    def _on_info(self, message: Any, topic: str = COLOUR_INFO) -> None:
+        self.beside.take_info(message, topic, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
 
-    def _on_tree(self, tree: Any) -> None:
+    def _on_tree(self, tree: Any, kind: str = STATIC) -> None:
         for link in tree.transforms:
-            self.intake.take_link(link)
+            self.beside.take_link(link, kind)
 
     def _look_for_silence(self) -> None:
         if not self.closed and self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
@@ -170,17 +191,29 @@ class IngestNode(StageNode):
         return response
 
 
-def _assemble(intake: Intake, settings: config.Settings) -> Generator[None, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
-    """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform."""
-    yield
-    clip, received = clip_of(intake, settings)
-    return clip, slot_stamps(clip, received), _single(intake.links, clip.camera.frame_id)
+def _assemble(intake: Intake, settings: config.Settings) -> Generator[str, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
+    """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform. What it lacks may
+    still come for a while, and is news."""
+    yield ""
+    until, said, images = time.monotonic() + PATIENCE_S, "", images_of(intake, settings)
+    while True:
+        try:
+            clip, received = clip_of(intake, settings, images)
+            return clip, slot_stamps(clip, received), _single(intake.beside, clip)
+        except NotYetError as error:
+            if time.monotonic() > until:
+                raise
+            if str(error) != said:
+                said = str(error)
+                yield said
+        time.sleep(LOOK_AGAIN_S)
+        yield ""
 
 
-def _single(links: dict[str, Any], frame_id: str) -> dict[str, Any] | None:
+def _single(beside: Beside, clip: Clip) -> dict[str, Any] | None:
     """The camera's transform as a plain message where it is the whole chain; a product of several has no exact quaternion."""
-    link = links.get(frame_id)
-    if link is None or link.header.frame_id in links:
+    link = beside.transforms.single(clip.camera.frame_id, clip.camera.world_frame_id)
+    if link is None:
         return None
     t, r = link.transform.translation, link.transform.rotation
     return {

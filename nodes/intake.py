@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from diffphys_ros import config
-from diffphys_ros.bags.assemble import assemble
-from diffphys_ros.bags.camera import camera_from_info, pose_in_root, undistorter
-from diffphys_ros.bags.decode import MAX_PIXELS, declared_size
-from diffphys_ros.bags.read import decoded, edge, nearest, seen_through
+from diffphys_ros.bags.decode import declared_size
+from diffphys_ros.bags.filmed import clip_of as clip_of_images
+from diffphys_ros.bags.read import decoded
+from diffphys_ros.bags.rig import Channel, Received
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 
+from .beside import COLOUR_INFO, DEPTH_INFO, Beside
 from .clip_checks import check_colour, check_depth, check_labels, labels_of
 from .convert import stamp_ns
 from .limits import PIXEL_BYTES
 
 SOURCE = "raw topics"
+DEPTH, PRESSED_DEPTH = "depth", "depth/compressedDepth"
 SPARE = 64  # images of depth and mask kept beside those that belong to a colour image: they may come before it
-MAX_LINKS = 1000  # of the transform tree
-MAX_SIZES = 8  # of images, of which a camera_info is kept
 Size = tuple[int, int]  # width, height [px]
 
 
 class Intake:
     """The messages of one clip. Every `take_...` raises InputError for a message that can be part of none, and keeps nothing of it."""
 
-    def __init__(self, max_frames: int, max_bytes: int) -> None:
+    def __init__(self, max_frames: int, max_bytes: int, beside: Beside | None = None) -> None:
         self.images: list[tuple[str, Any, Size]] = []  # topic, message, size
         self.depths: list[Any] = []
         self.masks: list[Any] = []
-        self.infos: dict[Size, Any] = {}  # the latest camera_info by the size that it is for
-        self.unusable = ""  # why the latest camera_info that was refused was
-        self.links: dict[str, Any] = {}  # TransformStamped by child frame
+        self.beside = Beside() if beside is None else beside
         self._max_frames, self._max_bytes, self._bytes = max_frames, max_bytes, 0
 
     def begin(self) -> None:
@@ -46,10 +42,8 @@ class Intake:
         self.images, self.depths, self.masks, self._bytes = [], [], [], 0
 
     def closed(self) -> Intake:
-        """What was collected, handed over; this one keeps camera and transforms alone."""
+        """What was collected, handed over; both hear what comes beside the images, for a transform may be late."""
         taken = copy(self)
-        taken.links = dict(self.links)
-        taken.infos = dict(self.infos)
         self.begin()
         return taken
 
@@ -59,62 +53,44 @@ class Intake:
         return self.images[0][0] if self.images else ""
 
     @property
+    def depth_topic(self) -> str:
+        """Where depth comes from."""
+        return PRESSED_DEPTH if self.depths and hasattr(self.depths[0], "format") else DEPTH
+
+    @property
     def full(self) -> bool:
         """Whether another image like the last one would be too much."""
         return len(self.images) >= self._max_frames or self._bytes + (self._weight(-1) if self.images else 0) > self._max_bytes
 
     def take_image(self, topic: str, message: Any) -> None:
         """A colour image, raw or compressed."""
-        if hasattr(message, "format"):
-            size = declared_size(message.format, message.data)
-        else:
-            check_colour(message, topic)
-            size = message.width, message.height
+        size = _declared(message)
+        if not hasattr(message, "format"):
+            check_colour(message, self.beside.name(topic))
         self.images.append((topic, message, size))
         self._bytes += self._weight(-1)
 
     def take_depth(self, message: Any) -> None:
         """A depth image; those that are nearest to no colour image go once there are SPARE of them."""
-        if not message.height:
-            raise InputError("topic depth: an image without a pixel; publish depth images")
-        check_depth(message, "depth")
+        name, pressed = self.beside.name(DEPTH), hasattr(message, "format")
+        if self.depths and pressed != (self.depth_topic == PRESSED_DEPTH):
+            return  # the same images once more, by the other transport
+        if pressed:
+            declared_size(message.format, message.data)
+        elif not message.height:
+            raise InputError(f"topic {name}: an image without a pixel; publish depth images")
+        else:
+            check_depth(message, name)
         self.depths.append(message)
         self.depths = self._within(self.depths)
 
     def take_mask(self, message: Any) -> None:
         """A label image; the one nearest to the first colour image is used."""
-        check_labels(message, "mask")
+        check_labels(message, self.beside.name("mask"))
         self.masks.append(message)
         if self.images:
             self.masks = [min(self.masks, key=lambda m: abs(stamp_ns(m) - stamp_ns(self.images[0][1])))]
         self.masks = self._within(self.masks)
-
-    def take_info(self, message: Any, *, fov_known: Callable[[], bool]) -> None:
-        """A camera_info; one without focal length is of use where the field of view is known."""
-        size = (message.width, message.height)
-        if size in self.infos and _calibration(self.infos[size]) == _calibration(message):
-            return
-        if size[0] * size[1] > MAX_PIXELS:
-            raise InputError(f"topic camera_info: is for {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; record smaller images")
-        if not (message.k[0] == 0 and fov_known()):
-            try:
-                camera_from_info(message.k, message.d, *size, message.header.frame_id)
-                undistorter(message.k, message.d, message.distortion_model, *(size if all(size) else (1, 1)))
-            except InputError as error:
-                self.unusable = f"topic camera_info: {error}"
-                raise InputError(self.unusable) from error
-        self.infos.pop(size, None)
-        self.infos[size] = message
-        if len(self.infos) > MAX_SIZES:
-            del self.infos[next(iter(self.infos))]
-
-    def take_link(self, link: Any) -> None:
-        """A transform of the camera's tree; one that closes a circle is refused."""
-        if link.child_frame_id not in self.links and len(self.links) >= MAX_LINKS:
-            raise InputError(f"the transform tree has {MAX_LINKS} links, no more are kept; publish the camera's alone")
-        links = self.links | {link.child_frame_id: link}
-        pose_in_root(dict(edge(each) for each in links.values()), link.child_frame_id)
-        self.links = links
 
     def _weight(self, index: int) -> int:
         """What an image takes [bytes]: as it is, or as listeners will hold it with depth and mask."""
@@ -139,27 +115,45 @@ class Intake:
         return [kept[index] for index in sorted(chosen)]
 
 
-def _calibration(info: Any) -> tuple[Any, ...]:
-    return info.header.frame_id, info.distortion_model, list(info.k), list(info.d), list(info.p)
+class Images(NamedTuple):
+    """What was collected, decoded: (stamp [ns], array) each."""
+
+    frames: list[tuple[int, np.ndarray]]  # RGB
+    frame_id: str
+    depths: list[tuple[int, np.ndarray]]  # [m]
+    depth_frame_id: str
+    masks: list[tuple[int, np.ndarray]]
+    notes: list[str]
 
 
-def clip_of(intake: Intake, settings: config.Settings) -> tuple[Clip, np.ndarray]:
-    """The clip of what was collected and the stamps (T,) [ns] of its images. Raises InputError where it makes none."""
-    topic = intake.topic
+def images_of(intake: Intake, settings: config.Settings) -> Images:
+    """Decodes what was collected. Raises InputError where there is no image in it."""
     frames, frame_id, lost = _frames(intake)
-    size = (frames[0][1].shape[1], frames[0][1].shape[0])
-    metres = [] if settings.topics.depth == "none" else _metres(intake.depths, size)
-    info = intake.infos.get(size) or next(reversed(intake.infos.values()), None)
-    if info is None and intake.unusable and settings.camera.fov_deg is None:
-        raise InputError(f"{SOURCE}: {intake.unusable}")
-    edges = dict(edge(link) for link in intake.links.values())
-    camera, undistort, notes = seen_through(info, edges, settings, (*size, frame_id), SOURCE, image_topic=topic, info_topic="camera_info")
-    mask = nearest([(stamp_ns(m), labels_of(m, "mask")) for m in intake.masks], frames[0][0]) if intake.masks else None
-    if undistort:
-        mask = None if mask is None else undistort(mask)
-        frames, metres = ([(stamp, undistort(image)) for stamp, image in some] for some in (frames, metres))
-    clip = replace(assemble(frames, metres, camera, SOURCE, notes=[*lost, *notes]), first_labels=mask)
-    return clip, np.array([stamp for stamp, _ in frames])
+    depths, depth_frame = ([], "") if settings.topics.depth == "none" else _metres(intake)
+    return Images(frames, frame_id, depths, depth_frame, [(stamp_ns(m), labels_of(m, "mask")) for m in intake.masks], lost)
+
+
+def received_of(intake: Intake, images: Images, settings: config.Settings) -> Received:
+    """What is known by now beside the images. Raises InputError where the only camera_info that came was refused."""
+    beside, stamps = intake.beside, [stamp for stamp, _ in images.frames]
+    infos = beside.infos(COLOUR_INFO)
+    if not infos and beside.unusable and settings.camera.fov_deg is None:
+        raise InputError(f"{SOURCE}: {beside.unusable}")
+    colour = Channel(beside.name(intake.topic), _size(images.frames), images.frame_id, infos, beside.name(COLOUR_INFO))
+    depth = None
+    if images.depths:
+        depth = Channel(beside.name(intake.depth_topic), _size(images.depths), images.depth_frame_id, beside.infos(DEPTH_INFO), beside.name(DEPTH_INFO))
+    imu = None if settings.topics.imu == "none" else beside.imu(min(stamps), max(stamps))
+    return Received(SOURCE, stamps, colour, depth, beside.transforms, imu)
+
+
+def clip_of(intake: Intake, settings: config.Settings, images: Images | None = None) -> tuple[Clip, np.ndarray]:
+    """The clip of what was collected and the stamps (T,) [ns] of its images. Raises InputError where it makes none, NotYetError where what
+    is heard beside the images may still complete it."""
+    images = images_of(intake, settings) if images is None else images
+    received = received_of(intake, images, settings)
+    clip = clip_of_images(received, settings, images.frames, images.depths, images.masks, images.notes)
+    return clip, np.array(received.stamps)
 
 
 def _frames(intake: Intake) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
@@ -170,12 +164,12 @@ def _frames(intake: Intake) -> tuple[list[tuple[int, np.ndarray]], str, list[str
         if size != usual:
             continue
         try:
-            image = decoded(message, SOURCE, topic)
+            image = decoded(message, SOURCE, intake.beside.name(topic), colour=True)
         except InputError as error:
             reason = str(error)
             continue
         if image.ndim != 3:
-            raise InputError(f"{SOURCE}: topic {topic} holds depth, must hold colour; publish depth on the topic depth")
+            raise InputError(f"{SOURCE}: topic {intake.beside.name(topic)} holds depth, must hold colour; publish depth on the topic depth")
         frames.append((stamp_ns(message), image))
         frame_id = frame_id or message.header.frame_id
     if not frames:
@@ -184,7 +178,20 @@ def _frames(intake: Intake) -> tuple[list[tuple[int, np.ndarray]], str, list[str
     return frames, frame_id, [f"{left_out} of {len(intake.images)} images were left out ({reason})"] if left_out else []
 
 
-def _metres(depths: list[Any], size: Size) -> list[tuple[int, np.ndarray]]:
-    """(stamp [ns], depth [m]) of the depth images of a size; of all where none has it, for the assembly to complain about."""
-    fitting = [message for message in depths if (message.width, message.height) == size]
-    return [(stamp_ns(message), decoded(message, SOURCE, "depth")) for message in fitting or depths]
+def _metres(intake: Intake) -> tuple[list[tuple[int, np.ndarray]], str]:
+    """(stamp [ns], depth [m]) of the depth images of the most common size, and their frame."""
+    if not intake.depths:
+        return [], ""
+    sizes = [_declared(message) for message in intake.depths]
+    usual = Counter(sizes).most_common(1)[0][0]
+    chosen = [message for message, size in zip(intake.depths, sizes, strict=True) if size == usual]
+    name = intake.beside.name(intake.depth_topic)
+    return [(stamp_ns(message), decoded(message, SOURCE, name)) for message in chosen], next((m.header.frame_id for m in chosen if m.header.frame_id), "")
+
+
+def _declared(message: Any) -> Size:
+    return declared_size(message.format, message.data) if hasattr(message, "format") else (message.width, message.height)
+
+
+def _size(images: list[tuple[int, np.ndarray]]) -> Size:
+    return images[0][1].shape[1], images[0][1].shape[0]

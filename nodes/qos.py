@@ -9,6 +9,7 @@ from diffphys_ros.msg_schemas.topics import KEEP_ALL, Topic
 RELIABILITY = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
 SENSOR_DEPTH = 10
 TREE_DEPTH = 20  # links of the camera's transform tree
+MOVING_DEPTH = 100  # messages of /tf, as tf2_ros has it
 
 
 def profile(topic: Topic) -> QoSProfile:
@@ -32,3 +33,8 @@ def sensor(reliability: str) -> QoSProfile:
 def latched() -> QoSProfile:
     """Transforms, one message per link, that late subscribers get."""
     return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=TREE_DEPTH)
+
+
+def moving() -> QoSProfile:
+    """Transforms that are sent again and again: /tf as tf2_ros publishes it, reliable and volatile."""
+    return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE, depth=MOVING_DEPTH)

@@ -45,7 +45,7 @@ def settings(**values: Any) -> config.Settings:
 
 def test_a_bag_gives_its_frames_depth_camera_and_pose(record: Record) -> None:
     tree = tree_topic({FRAME: ("mast", (0, 0, 1.5)), "mast": ("map", (2, 0, 0))})
-    clip = read_clip(record(colour_topic(), depth_topic(), info_topic(), tree), DEFAULT)
+    clip = read_clip(record(colour_topic(), depth_topic(), info_topic(), tree), settings(scene__gravity_m_s2=[0.0, 0.0, -9.81]))
     np.testing.assert_array_equal(clip.frames, [picture(k) for k in range(6)])
     assert clip.depth is not None
     np.testing.assert_allclose(clip.depth, [distance(k) / 1000 for k in range(6)], rtol=1e-6)
@@ -121,7 +121,7 @@ def test_a_depth_topic_named_as_colour_is_refused(record: Record) -> None:
 
 def test_lens_distortion_is_removed_and_said(record: Record) -> None:
     clip = read_clip(record(colour_topic(), info_topic(d=[-0.3, 0.1, 0, 0, 0])), DEFAULT)
-    assert clip.notes == ("lens distortion was removed from the images",)
+    assert "lens distortion was removed from the images" in clip.notes
     assert not np.array_equal(clip.frames[0], picture(0))
 
 

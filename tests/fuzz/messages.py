@@ -46,7 +46,11 @@ WAIT_S = 8.0
 STAMPS = (0, -1, 1, 2**31 - 1, -(2**31), START_NS // 10**9, START_NS // 10**9 + 1)
 FRAMES_OF = ("", "world", "camera_optical", "/", "a b", "\n", "é" * 60, "x" * 5000)
 IMAGE, PRESSED, INFO, TRANSFORM = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "geometry_msgs/msg/TransformStamped"
-RAW = {"image": IMAGE, "image/compressed": PRESSED, "depth": IMAGE, "mask": IMAGE, "camera_info": INFO, "camera_pose": TRANSFORM}
+IMU = "sensor_msgs/msg/Imu"
+RAW = {
+    "image": IMAGE, "image/compressed": PRESSED, "depth": IMAGE, "depth/compressedDepth": PRESSED, "mask": IMAGE,
+    "camera_info": INFO, "depth_camera_info": INFO, "camera_pose": TRANSFORM, "imu": IMU,
+}  # fmt: skip
 Said = tuple[str, Any]  # topic, rclpy message
 
 
@@ -303,6 +307,8 @@ def _valid(rng: np.random.Generator, topic: str, rig: Rig) -> Any:
         PRESSED: lambda: {"header": head, "format": pick(rng, FORMATS), "data": picture(rng)},
         INFO: lambda: messages.camera_info(head, clip.camera),
         TRANSFORM: lambda: messages.camera_pose(at, clip.camera),
+        IMU: lambda: {"header": head, "linear_acceleration": {"y": -9.8}},
+        "geometry_msgs/msg/Vector3Stamped": lambda: messages.gravity(at, clip.camera, pick(rng, (None, np.array([0.0, 0.0, -9.8])))),
         "geometry_msgs/msg/PointStamped": lambda: {"header": head, "point": {"x": 3.0, "y": 2.0, "z": 0.0}},
         "geometry_msgs/msg/WrenchStamped": lambda: {"header": head},
         "std_msgs/msg/UInt32": lambda: {"data": FRAMES},

@@ -132,6 +132,7 @@ BAD = {
         ("not finite", lambda: to_ros("sensor_msgs/msg/CameraInfo", {"header": HEAD, "width": 4, "height": 3, "k": np.full(9, np.nan)})),
     ],
     "clip/camera_pose": [("unit quaternion", lambda: to_ros("geometry_msgs/msg/TransformStamped", {"header": HEAD, "transform": {"rotation": {"w": 0.0}}}))],
+    "clip/gravity": [("must be within 100", lambda g=g: to_ros("geometry_msgs/msg/Vector3Stamped", {"header": HEAD, "vector": {"z": g}})) for g in (np.nan, -1e300)],
     "clip/end": [("1 .. 10000", lambda n=n: to_ros("std_msgs/msg/UInt32", {"data": n})) for n in (0, 2**32 - 1)],
 }
 
