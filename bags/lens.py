@@ -85,13 +85,18 @@ def _crop(info: Any, size: Size, topic: str) -> tuple[tuple[int, int], tuple[int
     if not info.width or not info.height:
         return (0, 0), (1, 1)
     if image_size(info) != size:
-        roi, bins = info.roi, (max(info.binning_x, 1), max(info.binning_y, 1))
-        how = f", region of interest {roi.width}x{roi.height} px, bins of {bins[0]}x{bins[1]} px" if roi.width or roi.height or max(bins) > 1 else ""
         raise InputError(
-            f"is for {info.width}x{info.height} px{how}, the images of {named(topic)} have {size[0]}x{size[1]} px; "
+            f"is for {info.width}x{info.height} px{_cut(info)}, the images of {named(topic)} have {size[0]}x{size[1]} px; "
             "name the right topic with topics.camera_info, or correct the driver"
         )
     return (info.roi.x_offset, info.roi.y_offset), (max(info.binning_x, 1), max(info.binning_y, 1))
+
+
+def _cut(info: Any) -> str:
+    """Region of interest and binning in words."""
+    roi, bins = info.roi, (max(info.binning_x, 1), max(info.binning_y, 1))
+    region = f", region of interest {roi.width}x{roi.height} px" if roi.width or roi.height else ""
+    return region + (f", bins of {bins[0]}x{bins[1]} px" if max(bins) > 1 else "")
 
 
 def _cropped(matrix: np.ndarray, left_top: tuple[int, int], bins: tuple[int, int]) -> np.ndarray:

@@ -41,7 +41,8 @@ class Beside:
         return self.names.get(topic, topic)
 
     def infos(self, topic: str) -> list[tuple[int, Any]]:
-        """(stamp [ns], CameraInfo) of the different ones of a topic, in the order of their stamps."""
+        """(stamp [ns] of the image after which it came, CameraInfo) of the different ones of a topic, in the order of these stamps: when a
+        driver fills in its header says less of when the node could know."""
         return sorted(self._infos[topic], key=lambda item: item[0])
 
     def imu(self, first: int, last: int) -> Imu | None:
@@ -50,8 +51,8 @@ class Beside:
         messages = during or list(self._accelerations)
         return Imu(self.name(IMU), messages) if messages else None
 
-    def take_info(self, message: Any, topic: str = COLOUR_INFO, *, fov_known: Callable[[], bool] = lambda: False) -> None:
-        """A camera_info; one without focal length is of use where the field of view is known."""
+    def take_info(self, message: Any, topic: str = COLOUR_INFO, *, after_ns: int = 0, fov_known: Callable[[], bool] = lambda: False) -> None:
+        """A camera_info that came after the image of a stamp; one without focal length is of use where the field of view is known."""
         latest = next((info for _, info in reversed(self._infos[topic]) if image_size(info) == image_size(message)), None)
         if latest is not None and calibration(latest) == calibration(message):
             return
@@ -59,7 +60,7 @@ class Beside:
             raise InputError(f"topic {self.name(topic)}: is for {message.width}x{message.height} px, at most {MAX_PIXELS} pixels are read; record smaller images")
         if not (message.k[0] == 0 and fov_known()):
             self._check(message, topic)
-        self._infos[topic].append((stamp_ns(message), message))
+        self._infos[topic].append((after_ns, message))
 
     def take_link(self, link: Any, kind: str = HELD) -> None:
         """A TransformStamped of /tf, /tf_static or camera_pose; one that closes a circle is refused."""
@@ -72,6 +73,8 @@ class Beside:
     def _check(self, message: Any, topic: str) -> None:
         size = image_size(message)
         try:
+            if message.width and message.height and not all(size):
+                raise InputError(f"its region of interest and bins leave no pixel of {message.width}x{message.height}; correct the driver")
             lens_of(message, size if all(size) else (1, 1), topic)
         except InputError as error:
             words = f"topic {named(self.name(topic))}: {error}"

@@ -35,11 +35,11 @@ OWN = (
     BAG,
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
     Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
+    Own("patience_s", 10.0, "how long a clip that has ended waits for the camera_info or the transform that it lacks [s]"),
     Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
     MAX_MIB,
 )
 MAX_SILENCE_S = 3600.0
-PATIENCE_S = 10.0  # for a camera_info or a transform that a clip lacks when it ends
 LOOK_AGAIN_S = 0.1
 IMAGE, PRESSED, MASK = "image", "image/compressed", "mask"
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
@@ -51,9 +51,10 @@ class IngestNode(StageNode):
     def __init__(self) -> None:
         super().__init__("ingest_node", OWN, CLIP)
         self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
+        self.patience_s = bounded(self.parameters, "patience_s", 0.0, MAX_SILENCE_S)
         names = (IMAGE, PRESSED, DEPTH, PRESSED_DEPTH, MASK, COLOUR_INFO, DEPTH_INFO, POSE, IMU)
-        self.beside = Beside({name: self.resolve_topic_name(name) for name in names})
-        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters), self.beside)
+        beside = Beside({name: self.resolve_topic_name(name) for name in names})
+        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters), beside)
         self.lacking = ""  # what a clip that ended waits for
         self.clear()
         self.create_service(Trigger, "~/end", self._on_end)
@@ -62,6 +63,11 @@ class IngestNode(StageNode):
             self.start(self._read_job())
         else:
             self._subscribe()
+
+    @property
+    def beside(self) -> Beside:
+        """What is heard beside the images."""
+        return self.intake.beside
 
     def clear(self) -> None:
         """Begin to collect."""
@@ -91,7 +97,7 @@ class IngestNode(StageNode):
         if not news:
             return
         self.lacking = news
-        self.get_logger().warning(f"{news}; waiting for it for {PATIENCE_S:g} s")
+        self.get_logger().warning(f"{news}; waiting for it for {self.patience_s:g} s")
 
     def on_done(self, result: tuple[Clip, np.ndarray, Any]) -> None:
         clip, stamps, pose = result
@@ -115,8 +121,8 @@ class IngestNode(StageNode):
             self.create_subscription(kind, topic, partial(self._on_beside, topic), qos)
         for info in (COLOUR_INFO, DEPTH_INFO):
             self.create_subscription(CameraInfo, info, partial(self._on_info, topic=info), qos)
-        self.create_subscription(Imu, IMU, self.beside.take_imu, sensor("best_effort"))
-        self.create_subscription(TransformStamped, POSE, self.beside.take_link, latched())
+        self.create_subscription(Imu, IMU, self._on_imu, sensor("best_effort"))
+        self.create_subscription(TransformStamped, POSE, self._on_pose, latched())
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
@@ -147,7 +153,14 @@ class IngestNode(StageNode):
             (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
 
     def _on_info(self, message: Any, topic: str = COLOUR_INFO) -> None:
-        self.beside.take_info(message, topic, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+        after_ns = self.last_ns if self.collected else 0
+        self.beside.take_info(message, topic, after_ns=after_ns, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+
+    def _on_imu(self, message: Any) -> None:
+        self.beside.take_imu(message)
+
+    def _on_pose(self, link: Any) -> None:
+        self.beside.take_link(link)
 
     def _on_tree(self, tree: Any, kind: str = STATIC) -> None:
         for link in tree.transforms:
@@ -159,7 +172,7 @@ class IngestNode(StageNode):
 
     def _finish(self) -> None:
         settings = self.parameters.settings()
-        self.start(partial(_assemble, self.intake.closed(), settings))
+        self.start(partial(_assemble, self.intake.closed(), settings, self.patience_s))
 
     def _read_job(self) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
@@ -191,17 +204,17 @@ class IngestNode(StageNode):
         return response
 
 
-def _assemble(intake: Intake, settings: config.Settings) -> Generator[str, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
+def _assemble(intake: Intake, settings: config.Settings, patience_s: float) -> Generator[str, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
     """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform. What it lacks may
     still come for a while, and is news."""
     yield ""
-    until, said, images = time.monotonic() + PATIENCE_S, "", images_of(intake, settings)
+    until, said, images = time.monotonic() + patience_s, "", images_of(intake, settings)
     while True:
         try:
             clip, received = clip_of(intake, settings, images)
             return clip, slot_stamps(clip, received), _single(intake.beside, clip)
         except NotYetError as error:
-            if time.monotonic() > until:
+            if time.monotonic() >= until:
                 raise
             if str(error) != said:
                 said = str(error)

@@ -130,6 +130,7 @@ class Rig:
 def rigs() -> list[Rig]:
     """The nodes, made once; their jobs end with the clip."""
     given = [f"{name}:max_mib:={MAX_MIB}" for name in ("segment_node", "splat_node", "fit_node", "ingest_node")]
+    given.append("ingest_node:patience_s:=0.0")
     words = [word for parameter in (*given, f"inspect_node:file:={os.devnull}") for word in ("-p", parameter)]
     rclpy.init(args=["--ros-args", *words, "--log-level", "fatal"])
     made = [_stage(SegmentNode, _good_clip), _stage(SplatNode, _good_clip), _stage(FitNode, _good_clip), _ingest()]
