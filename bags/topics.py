@@ -24,7 +24,7 @@ def choose_topics(bag: Bag, wanted: Topics, source: str) -> tuple[str, str | Non
         next(bag.messages([topic]), None)  # says what is wrong
     encodings = {t: e for t in image_topics(bag) if t != wanted.mask and (e := _encoding(bag, t)) is not None}
     colour = [t for t, e in encodings.items() if e == "colour"]
-    depth = [t for t, e in encodings.items() if e == "depth"]
+    depth = [t for t, e in encodings.items() if e == "depth" and t != wanted.image]
     infos = [t for t, kind in bag.types.items() if kind == INFO and bag.first(t) is not None]
     image = _pick(bag, wanted.image, colour, list(encodings), "image", source)
     if image is None:
