@@ -1,9 +1,9 @@
-"""Cameras from camera_info or a field of view, undistortion, and poses from transform trees."""
+"""Cameras from camera_info or a field of view, undistortion, and transforms as matrices."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -22,7 +22,6 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), E
 LEAST_INSIDE = 0.5  # of the undistorted picture that must come from inside of the distorted one
 MOST_SIDE = 32766  # px: OpenCV counts the pixels of a map in 16 bits
 MOST_DISTANCE_M = 1e6  # of a camera from its world's origin; beyond, double precision no longer tells what a clip shows
-Edges = Mapping[str, tuple[str, np.ndarray]]  # child frame -> parent frame, parent_from_child (4, 4)
 
 
 def camera_from_info(
@@ -168,26 +167,6 @@ def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float
     matrix[:3, :3] += 2 * (w * axis + axis @ axis)
     matrix[:3, 3] = translation
     return matrix
-
-
-def pose_in_root(edges: Edges, frame_id: str) -> tuple[np.ndarray, str]:
-    """root_from_frame (4, 4) [m] and the root's name: the transforms from `frame_id` up to the end of its chain.
-
-    A frame without a parent is its own root. Raises InputError where the chain is a circle, or absurdly long.
-    """
-    pose, last, seen = np.eye(4), frame_id, {frame_id: None}
-    while last in edges:
-        parent, matrix = edges[last]
-        if parent in seen:
-            names = " <- ".join(named(name, 40) for name in [*list(seen)[:4], parent])
-            raise InputError(f"/tf_static: the transforms {names} form a circle; correct the publisher")
-        pose, last = matrix @ pose, parent
-        seen[parent] = None
-    if not np.abs(pose).max() < MOST_DISTANCE_M:
-        raise InputError(
-            f"/tf_static: {named(frame_id)} lies {np.abs(pose).max():.3g} m from {named(last)}, must be nearer than {MOST_DISTANCE_M:g} m; correct the publisher"
-        )
-    return pose, last
 
 
 def _camera(

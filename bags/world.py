@@ -64,6 +64,18 @@ def stand(transforms: Transforms, frame: str, stamps: Sequence[int], scene: Scen
     return Stand(np.stack(poses), world, () if scene.target_frame or world.rsplit("/", 1)[-1] in FIXED else (_unsure(world),))  # type: ignore[arg-type]
 
 
+def require_world(camera: Camera, scene: Scene, source: str) -> None:
+    """Raises InputError where a clip that was made elsewhere is not in the world that the settings here speak of."""
+    world = camera.world_frame_id or camera.frame_id
+    if scene.target_frame and scene.target_frame.removeprefix("/") != world.removeprefix("/"):
+        raise InputError(f"{source}: the clip is in the world {named(world)}, scene.target_frame is {named(scene.target_frame)}; tell it to ingest_node too")
+    if not camera.pose_known and not scene.target_frame and (told := told_of_world(scene)):
+        raise InputError(
+            f"{source}: {listed(told, 4)} is told in the world, but the clip is in the camera's own frame {named(world)}; tell it to ingest_node too, "
+            f"which then waits for a transform, or set scene.target_frame to {named(world)} where it is meant in that frame"
+        )
+
+
 def standing(stand: Stand, camera: Camera, source: str) -> tuple[list[np.ndarray | None], list[str]]:
     """What turns the picture of each frame back to that of frame 0, homographies (3, 3) or None, and notes.
 

@@ -12,8 +12,10 @@ from diffphys_ros.bags.decode import check_image, decode_image, is_depth
 from diffphys_ros.bags.encodings import may_be_colour
 from diffphys_ros.bags.read import decoded
 from diffphys_ros.bags.transforms import HELD, Transforms, pose_of
+from diffphys_ros.bags.world import require_world
+from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError, short
-from diffphys_ros.types import Camera
+from diffphys_ros.types import Camera, Clip
 
 from .limits import MAX_FRAMES
 
@@ -72,6 +74,12 @@ def camera_of(info: Any, pose: Any) -> Camera:
         known.add(pose, HELD)
     root = known.root(frame_id)
     return camera_from_info(info.k, info.d, info.width, info.height, frame_id, known.between(root, frame_id), root)
+
+
+def in_world(clip: Clip, settings: Settings) -> Clip:
+    """The clip, where it is in the world that the settings speak of. Raises InputError where it is in another."""
+    require_world(clip.camera, settings.scene, clip.source)
+    return clip
 
 
 def gravity_of(message: Any) -> np.ndarray | None:

@@ -15,6 +15,7 @@ from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
 
 from .clip_buffer import ClipBuffer
+from .clip_checks import in_world
 from .clip_stage import ClipStage
 from .convert import message_class, stamp_ns, to_ros
 from .parameters import Own, existing
@@ -168,7 +169,7 @@ def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> St
 def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
     from diffphys_ros.inverse import run
 
-    return (yield from run(buffer.clip(), settings, splats=splats, checkpoint=checkpoint))
+    return (yield from run(in_world(buffer.clip(), settings), settings, splats=splats, checkpoint=checkpoint))
 
 
 def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:

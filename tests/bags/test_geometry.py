@@ -15,7 +15,25 @@ from diffphys_ros.bags.write import write_recording
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 from tests import encoded
-from tests.filmed import COLOUR_FRAME, DEPTH_FRAME, FRAMES, HEIGHT, POINTS, WIDTH, K, colour, depth, found, imu, info, link, pose, seen_by_opencv, stamp_of, tree
+from tests.filmed import (
+    COLOUR_FRAME,
+    DEPTH_FRAME,
+    FRAMES,
+    HEIGHT,
+    POINTS,
+    WIDTH,
+    K,
+    colour,
+    depth,
+    found,
+    imu,
+    info,
+    link,
+    pose,
+    seen_by_opencv,
+    stamp_of,
+    tree,
+)
 from tests.filmed_cases import (
     BLOCK_M,
     CAMERA_IN_WORLD,

@@ -269,3 +269,10 @@ def test_a_damaged_image_is_named(images: Path) -> None:
     (images / "frame5.png").write_bytes(b"\x89PNG cut")
     with pytest.raises(InputError, match=r"frame5.png: .*cannot be decoded"):
         read_clip(images, settings(camera__fps=30.0))
+
+
+def test_what_is_told_of_the_world_is_taken_in_the_cameras_frame_of_a_video_and_said(video: Path) -> None:
+    clip = read_clip(video, settings(camera__fov_deg=70.0, scene__gravity_m_s2=[0.0, 9.81, 0.0]))
+    assert clip.notes == ("pictures carry no transforms: scene.gravity_m_s2 is taken in the camera's own frame, x right, y down, z forward",)
+    with pytest.raises(InputError, match=r"scene.target_frame is map, but pictures carry no transforms"):
+        read_clip(video, settings(scene__target_frame="map"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,16 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS
 from diffphys_ros.nodes.beside import COLOUR_INFO, DEPTH_INFO, Beside
 from diffphys_ros.nodes.clip_buffer import ClipBuffer
+from diffphys_ros.nodes.clip_checks import in_world
 from diffphys_ros.nodes.clip_stage import CLIP
+from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
 from diffphys_ros.nodes.convert import message_class, to_ros
+from diffphys_ros.nodes.fit_node import FitNode
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.intake import Intake, clip_of
 from diffphys_ros.nodes.qos import latched, profile, sensor
+from diffphys_ros.nodes.segment_node import SegmentNode
+from diffphys_ros.nodes.splat_node import SplatNode
 from diffphys_ros.types import Clip
 from tests.filmed import COLOUR_FRAME, DEPTH_FRAME, POSE, ROLES, TREE, K, Message, colour, image, imu, info, link, pose, stamp_of
 from tests.filmed_cases import CAMERA_IN_WORLD, CASES, DEPTH_IN_COLOUR, NOT_YET, REFUSED, P, depth_camera, plain, rectified
@@ -235,3 +241,21 @@ def test_a_yuv_camera_with_compressed_depth_is_heard_over_dds(driver) -> None:
     clip = d.clip()
     np.testing.assert_allclose(clip.frames[1].astype(int), message.expected.astype(int), atol=message.atol)
     np.testing.assert_allclose(clip.depth[1], deep.expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("stage", [SegmentNode, SplatNode, FitNode])
+def test_a_stage_that_alone_is_told_of_the_world_refuses_a_clip_in_the_cameras_frame(make_node, made_clip, stage) -> None:
+    camera = replace(made_clip.camera, world_from_camera=np.eye(4), world_frame_id="camera_optical")
+    clip = replace(made_clip, camera=camera)
+    node = make_node(stage, scene__floor_z_m=0.0)
+    stamps = slot_stamps(clip)
+    for name, fields in (*clip_messages(clip, stamps), *mask_messages(clip, stamps)):
+        node.buffer.take(name, to_ros(TOPICS[name].type_name, fields))
+    with pytest.raises(InputError, match=r"scene.floor_z_m is told in the world, but the clip is in the camera's own frame camera_optical; tell it to ingest_node too"):
+        list(node.job()())
+
+
+def test_a_stage_refuses_a_clip_of_another_world_than_its_own(made_clip) -> None:
+    with pytest.raises(InputError, match=r"the clip is in the world world, scene.target_frame is map; tell it to ingest_node too"):
+        in_world(made_clip, config.build({"scene.target_frame": "map"}))
+    assert in_world(made_clip, config.build({"scene.target_frame": "/world", "scene.floor_z_m": 0.0})) is made_clip
