@@ -12,7 +12,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.executors import SingleThreadedExecutor
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.msg_schemas import messages
+from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode, pixel_of
@@ -55,7 +55,7 @@ class Watched(SegmentNode):
 
 def feed(node: Watched, clip) -> None:
     for topic, fields in clip_messages(clip, slot_stamps(clip)):
-        node.take(topic, to_ros({"clip/camera_info": "sensor_msgs/msg/CameraInfo", "clip/camera_pose": "geometry_msgs/msg/TransformStamped", "clip/end": "std_msgs/msg/UInt32"}.get(topic, "sensor_msgs/msg/Image"), fields))
+        node.take(topic, to_ros(TOPICS[topic].type_name, fields))
 
 
 def spin(node: Watched, done, timeout_s: float = PATIENCE_S) -> None:
