@@ -4,12 +4,14 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph test faults check mutants fuzz lint bench accuracy animation tables clean
+.PHONY: help setup demo demo-starts graph many-clips kills test faults check mutants fuzz lint bench accuracy animation tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
+	@echo "make many-clips   a hundred tiny clips in a row through the five nodes (under 20 minutes on two cores); COUNT=n"
+	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
 	@echo "make test         all tests but those of make faults (twelve minutes; JOBS=2 on two cores: seven and a half)"
 	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"
 	@echo "make check        ruff, mypy and the quick tests (90 s on two cores)"
@@ -33,6 +35,12 @@ demo-starts: setup
 
 graph: setup
 	@$(PY) scripts/graph.py
+
+many-clips: setup
+	@$(PY) scripts/many_clips.py $(if $(COUNT),--count $(COUNT))
+
+kills: setup
+	@$(PY) scripts/kills.py $(if $(ONLY),--nodes $(ONLY))
 
 test: setup
 	OMP_NUM_THREADS=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)

@@ -84,6 +84,14 @@ def gravity(nanoseconds: int, camera: Camera, measured: np.ndarray | None) -> di
     return {"header": header(nanoseconds, world_frame(camera)), "vector": {"x": x, "y": y, "z": z}}
 
 
+def camera_path(stamps: Iterable[int], camera: Camera) -> dict[str, Any]:
+    """nav_msgs/Path: where the camera was at every stamp [ns]; the header has the first one."""
+    pose = camera_pose(0, camera)["transform"]
+    there = {"position": pose["translation"], "orientation": pose["rotation"]}
+    poses = [{"header": header(each, world_frame(camera)), "pose": there} for each in stamps]
+    return {"header": poses[0]["header"], "poses": poses}
+
+
 def world_frame(camera: Camera) -> str:
     """Name of the frame in which results are given: root of the camera's transform tree, else the optical frame."""
     return camera.world_frame_id or camera.frame_id

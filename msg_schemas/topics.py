@@ -15,7 +15,7 @@ VECTOR = "geometry_msgs/msg/Vector3Stamped"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-COUNT = "std_msgs/msg/UInt32"
+PATH = "nav_msgs/msg/Path"
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,15 @@ def _table(*topics: Topic) -> dict[str, Topic]:
 
 TOPICS = _table(
     Topic("clip/image", IMAGE, "camera", "rgb8", "frames that were received, on the clip's own clock", depth=KEEP_ALL),
-    Topic("clip/camera_info", CAMERA_INFO, "camera", "px", "intrinsics of the (undistorted) frames"),
+    Topic("clip/camera_info", CAMERA_INFO, "camera", "px", "opens a clip; intrinsics of the (undistorted) frames"),
     Topic("clip/depth", IMAGE, "camera", "m (32FC1), 0 unknown", "depth along the optical axis, stamps of clip/image", depth=KEEP_ALL),
     Topic("clip/camera_pose", TRANSFORM, "world", "m", "camera in the root of its transform tree"),
     Topic("clip/gravity", VECTOR, "world", "m/s^2", "gravity as an IMU or scene.target_frame tells it; 0 0 0 where neither does"),
     Topic("clip/first_mask", IMAGE, "camera", "mono8 labels", "what a mask topic says the object in frame 0 is; empty where there is none"),
     Topic("clip/mask", IMAGE, "camera", "mono8 labels", "0 background, 1..n parts (1 at the clamp), 255 ignore", depth=KEEP_ALL),
-    Topic("clip/end", COUNT, "", "frames", "number of clip/image messages; the clip is complete"),
-    Topic("splats", CLOUD, "world", "m, logit, log m", "static 3D Gaussians of frame 0, fields named as in a 3DGS .ply"),
+    Topic("clip/end", PATH, "world", "m", "completes a clip: one pose of the camera for every clip/image, with the image's stamp"),
+    Topic("clip/done", DIAGNOSTICS, "", "", "a stage says that it has ended with a clip, and how: OK, or ERROR or WARN with the reason"),
+    Topic("splats", CLOUD, "world", "m, logit, log m", "static 3D Gaussians of frame 0, fields named as in a 3DGS .ply; `labels`: CRC-32 of the mask that they were fitted in"),
     Topic("~/material_field", CLOUD, "world", "m, Pa, kg/m^3, m^3", "stiffness on the particles at rest"),
     Topic("~/force_field", CLOUD, "world", "m, s, N/m^3 of rest volume", "force on the particles, one row per frame"),
     Topic("~/quality", DIAGNOSTICS, "", "", "per part: whether it is identified, why, and what fixed the scale"),

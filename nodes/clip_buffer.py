@@ -2,47 +2,48 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from diffphys_ros.bags.assemble import assemble, uniform_clock
+from diffphys_ros.bags.assemble import assemble
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 
-from .clip_checks import array_of, camera_of, check, gravity_of, labels_of
+from .clip_checks import array_of, camera_of, check, gravity_of, labels_of, stamps_of
+from .clip_topics import stamps_of_slots
 from .convert import stamp_ns
 from .limits import MAX_FRAMES, MAX_MIB, MIB
 
 SOURCE = "topics clip/*"
-INFO, MASK = "clip/camera_info", "clip/mask"
-SINGLE = {"clip/camera_pose": "pose", "clip/gravity": "gravity", "clip/first_mask": "first_mask", "clip/end": "end"}  # attribute of a ClipBuffer
-MANY = {"clip/image": "images", "clip/depth": "depths", MASK: "masks"}  # attribute, by stamp
+INFO, POSE, GRAVITY, FIRST_MASK, END, MASK = "clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/end", "clip/mask"
+IMAGE, DEPTH = "clip/image", "clip/depth"
 OVERFULL = f"{INFO} of another clip, for this one was too large"
+MOST_SINGLES = 16  # messages kept of topics that have one per clip: those of the clips before and after may come in any order
 
 
 @dataclass
 class ClipBuffer:
     """What was received of a clip, at most `max_bytes` of images and MAX_FRAMES of a kind.
 
-    A clip is opened by its camera_info: what was sent before that belongs to an earlier clip and goes. Topics arrive in any order, so
-    what was sent after it may well be here already.
+    A clip is known by the stamp of its first image. Its camera_info opens it; pose, first mask and end carry that stamp, and the end names
+    the stamps of the images, which depth images and masks share. Nothing else is used, in whatever order it comes.
     """
 
     max_bytes: int = MAX_MIB.default * MIB
     info: Any = None
-    pose: Any = None
-    gravity: Any = None
-    first_mask: Any = None
-    end: Any = None  # announces the number of images
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
     depths: dict[int, Any] = field(default_factory=dict)
-    masks: dict[int, Any] = field(default_factory=dict)
+    masks: dict[int, Any] = field(default_factory=dict)  # of every frame of the clip, or none
+    fresh: dict[int, Any] = field(default_factory=dict)  # of a set of masks that is not complete
+    singles: dict[tuple[str, int], Any] = field(default_factory=dict)  # by topic and stamp
+    sent: dict[tuple[str, int], int | None] = field(default_factory=dict)  # when [ns], by topic and stamp; not of masks, made on another clock
     opened_ns: int | None = None  # when `info` was sent, where that is known
     overfull: bool = False
     bytes: int = 0  # of images, depths and masks
-    sent: dict[tuple[str, int], int | None] = field(default_factory=dict)  # [ns], by topic and stamp
+    mask_set: int = 0  # how many sets of masks were complete, each unlike the one before
 
     def take(self, topic: str, message: Any, sent_ns: int | None = None) -> bool:
         """Keep a message of a clip/* topic, sent at this time where that is known; returns whether another clip began with it.
@@ -50,119 +51,161 @@ class ClipBuffer:
         Raises InputError for a message that cannot be part of a clip, and for one that would make it too large.
         """
         check(topic, message)
-        # masks come from another node, whose clock is no measure
-        if topic != MASK and sent_ns is not None and self.opened_ns is not None and sent_ns < self.opened_ns:
-            return False
+        another = False
         if topic == INFO:
-            return self._open(message, sent_ns)
-        if topic in MANY:
+            another = self._open(message, sent_ns)
+        elif topic != MASK and sent_ns is not None and self.opened_ns is not None and sent_ns < self.opened_ns:
+            return False
+        elif topic in (IMAGE, DEPTH, MASK):
             self._keep(topic, message, sent_ns)
         else:
-            setattr(self, SINGLE[topic], message)
-            self.sent[topic, 0] = sent_ns
-        return False
+            self._keep_single(topic, message, sent_ns)
+        self._look_for_masks()
+        return another
 
     @property
-    def count(self) -> int | None:
-        """Images announced by clip/end."""
-        return None if self.end is None else self.end.data
+    def id(self) -> int | None:
+        """The clip's first stamp [ns]; None before a clip is opened."""
+        return None if self.info is None else stamp_ns(self.info)
+
+    @property
+    def announced(self) -> tuple[int, ...]:
+        """Stamps of the clip's images as clip/end names them, ascending [ns]; empty before it came."""
+        end = self.single(END)
+        return () if end is None else end
+
+    def single(self, topic: str) -> Any:
+        """The clip's message of a topic that has one per clip, the stamps of clip/end; None where it has not come."""
+        return None if self.id is None else self.singles.get((topic, self.id))
+
+    def strangers(self) -> int:
+        """Messages kept that are of no use for a clip whose end has come."""
+        known = set(self.announced)
+        return sum(stamp not in known for kept in (self.images, self.depths) for stamp in kept) if known else 0
 
     def missing(self, *, masks: bool) -> str:
         """What is still to come, in words; empty where the clip is complete."""
         if self.overfull:
             return OVERFULL
-        for topic, there in (("clip/image", self.images), ("clip/end", self.end), (INFO, self.info)):
+        for topic, there in ((IMAGE, self.images), (END, self.single(END) or (self.info is None and any(t == END for t, _ in self.singles))), (INFO, self.info)):
             if not there:
                 return topic
-        frames = self._frames()
-        wanted = {
-            f"clip/image (all {self.count} that clip/end announced, of {self.info.width}x{self.info.height} px)": len(frames) >= (self.count or 0),
-            "clip/camera_pose": self.pose is not None,
-            "clip/gravity": self.gravity is not None,
-            "clip/first_mask": self.first_mask is not None,
-            "clip/depth": len(self.depths) >= (1 if self._without_depth else len(frames)),
-        }
-        late = next((topic for topic, there in wanted.items() if not there), "")
-        return late or (MASK if masks and len(self._masks()) < self._slots() else "")
+        frames = len(self._frames())
+        if frames < len(self.announced):
+            return f"{IMAGE} (all {len(self.announced)} that {END} announced, of {self.info.width}x{self.info.height} px; {frames} came)"
+        for topic in (POSE, GRAVITY, FIRST_MASK):
+            if self.single(topic) is None:
+                return topic
+        if not self._without_depth and any(stamp not in self.depths for stamp in self.announced):
+            return DEPTH
+        return MASK if masks and not self.masks and self._slots() else ""
 
     def clip(self) -> Clip:
         """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
-        depths = [] if self._without_depth else [(s, array_of(m)) for s, m in sorted(self.depths.items()) if m.height]
-        images = [(s, array_of(m)) for s, m in sorted(self._frames().items())]
-        clip = replace(assemble(images, depths, camera_of(self.info, self.pose), SOURCE), gravity=gravity_of(self.gravity))
-        if self.first_mask is not None and self.first_mask.height:
-            clip = replace(clip, first_labels=labels_of(self.first_mask, "clip/first_mask"))
-        masks = self._masks()
-        if not masks:
-            return clip
-        labels, size = [labels_of(m, MASK) for _, m in sorted(masks.items())], clip.frames.shape[1:3]
-        if len(labels) != len(clip) or any(each.shape != size for each in labels):
-            odd = next((each for each in labels if each.shape != size), labels[0])
-            raise InputError(
-                f"topic {MASK}: {len(labels)} masks, of {odd.shape[::-1]} px, for {len(clip)} frames of {size[::-1]} px; "
-                "publish one per frame in the frame's size"
-            )
-        return clip.with_labels(np.stack(labels))
+        depths = [] if self._without_depth else [(s, array_of(self.depths[s])) for s in self.announced if self.depths[s].height]
+        images = [(s, array_of(m)) for s, m in self._frames().items()]
+        camera = camera_of(self.info, self.single(POSE))
+        clip = replace(assemble(images, depths, camera, SOURCE), gravity=gravity_of(self.single(GRAVITY)))
+        first_mask = self.single(FIRST_MASK)
+        if first_mask.height:
+            clip = replace(clip, first_labels=labels_of(first_mask, FIRST_MASK))
+        return clip.with_labels(self._labels(clip)) if self.masks else clip
 
     def stamps(self) -> np.ndarray:
         """Stamps of the clip's images, ascending [ns]."""
-        return np.array(sorted(self._frames()), np.int64)
+        return np.array(self.announced, np.int64)
+
+    def first_labels_crc(self) -> int:
+        """CRC-32 of the mask of frame 0: what Gaussians of this clip were fitted in. Masks must be there."""
+        return zlib.crc32(labels_of(self.masks[self.announced[0]], MASK).tobytes())
 
     def copy(self) -> ClipBuffer:
         """The same messages, for a thread that must not see later ones."""
-        return replace(self, images=dict(self.images), depths=dict(self.depths), masks=dict(self.masks), sent=dict(self.sent))
+        return replace(self, **{name: dict(getattr(self, name)) for name in ("images", "depths", "masks", "fresh", "singles", "sent")})
 
     def _open(self, info: Any, sent_ns: int | None) -> bool:
-        known = sent_ns is not None and self.opened_ns is not None
-        another = self.info is not None and (sent_ns != self.opened_ns if known else stamp_ns(info) != stamp_ns(self.info))
+        before, known = self.id, sent_ns is not None and self.opened_ns is not None
+        another = self.info is not None and (sent_ns != self.opened_ns if known else stamp_ns(info) != before)
         for (topic, stamp), then in list(self.sent.items()):
-            if (another and (then is None or topic == MASK)) or (then is not None and sent_ns is not None and topic != MASK and then < sent_ns):
+            if (another and then is None) or (then is not None and sent_ns is not None and then < sent_ns):
                 self._drop(topic, stamp)
         self.info, self.opened_ns, self.overfull = info, sent_ns, False
+        if another and self.id != before:  # published once more it has the same masks, and its stage may be done before this is heard
+            self._drop_masks({s: m for s, m in self.fresh.items() if s >= stamp_ns(info)})
         return another
 
     def _keep(self, topic: str, message: Any, sent_ns: int | None) -> None:
-        kept, stamp = getattr(self, MANY[topic]), stamp_ns(message)
-        before = len(kept[stamp].data) if stamp in kept else 0
-        size = self.bytes + len(message.data) - before
+        kept, stamp = {IMAGE: self.images, DEPTH: self.depths, MASK: self.fresh}[topic], stamp_ns(message)
+        if topic == MASK and stamp in kept:  # another set begins before this one was complete
+            self.bytes -= sum(len(m.data) for m in kept.values())
+            kept.clear()
+        size = self.bytes + len(message.data) - (len(kept[stamp].data) if stamp in kept else 0)
         if self.overfull or size > self.max_bytes or len(kept) >= MAX_FRAMES:
             for name, at in list(self.sent):
-                if name in MANY:
+                if name in (IMAGE, DEPTH):
                     self._drop(name, at)
+            self._drop_masks({})
             self.overfull = True
             raise InputError(
                 f"topic {topic}: the clip has over {MAX_FRAMES} messages or {self.max_bytes // MIB} MiB and is dropped; publish a shorter "
                 "or smaller one, or raise the parameter max_mib"
             )
-        kept[stamp], self.bytes, self.sent[topic, stamp] = message, size, sent_ns
+        kept[stamp], self.bytes = message, size
+        if topic != MASK:
+            self.sent[topic, stamp] = sent_ns
+
+    def _keep_single(self, topic: str, message: Any, sent_ns: int | None) -> None:
+        key = topic, stamp_ns(message)
+        self.singles.pop(key, None)
+        self.singles[key] = stamps_of(message) if topic == END else message
+        self.sent[key] = sent_ns
+        if len(self.singles) > MOST_SINGLES:
+            self._drop(*next(each for each in self.singles if each[1] != self.id))
+
+    def _look_for_masks(self) -> None:
+        """Take over a set of masks that is complete, where it is not the one that is there."""
+        slots = self._slots() if self.fresh else ()
+        if not slots or any(stamp not in self.fresh for stamp in slots):
+            return
+        found = {stamp: self.fresh[stamp] for stamp in slots}
+        if not (self.masks.keys() == found.keys() and all(self.masks[s].data == m.data and self.masks[s].step == m.step for s, m in found.items())):
+            self.mask_set += 1
+        self._drop_masks({})
+        self.masks = found
+        self.bytes += sum(len(m.data) for m in found.values())
+
+    def _drop_masks(self, fresh: dict[int, Any]) -> None:
+        """Keep no masks but these of a set that is not complete."""
+        self.bytes += sum(len(m.data) for m in fresh.values()) - sum(len(m.data) for kept in (self.masks, self.fresh) for m in kept.values())
+        self.masks, self.fresh = {}, fresh
 
     def _drop(self, topic: str, stamp: int) -> None:
         del self.sent[topic, stamp]
-        if topic in MANY:
-            self.bytes -= len(getattr(self, MANY[topic]).pop(stamp).data)
+        if topic in (IMAGE, DEPTH):
+            self.bytes -= len((self.images if topic == IMAGE else self.depths).pop(stamp).data)
         else:
-            setattr(self, SINGLE[topic], None)
+            del self.singles[topic, stamp]
 
     def _frames(self) -> dict[int, Any]:
-        """The images of the camera's size."""
-        size = None if self.info is None else (self.info.width, self.info.height)
-        return {s: m for s, m in self.images.items() if size is None or (m.width, m.height) == size}
+        """The clip's images that are there, of the camera's size."""
+        there = ((s, self.images[s]) for s in self.announced if s in self.images)
+        return {s: m for s, m in there if (m.width, m.height) == (self.info.width, self.info.height)}
 
-    def _masks(self) -> dict[int, Any]:
-        """The masks of the clip's own time; a clip before it had others."""
-        stamps = self.stamps()
-        if not len(stamps):
-            return {}
-        first, last = int(stamps[0]), int(stamps[-1])
-        margin = (last - first) // (2 * max(len(stamps) - 1, 1))
-        return {s: m for s, m in self.masks.items() if first - margin <= s <= last + margin}
+    def _labels(self, clip: Clip) -> np.ndarray:
+        labels, size = [labels_of(m, MASK) for _, m in sorted(self.masks.items())], clip.frames.shape[1:3]
+        odd = next((each for each in labels if each.shape != size), None)
+        if odd is not None:
+            raise InputError(f"topic {MASK}: a mask has {odd.shape[1]}x{odd.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
+        return np.stack(labels)
 
     @property
     def _without_depth(self) -> bool:
-        return bool(self.depths) and not any(message.height for message in self.depths.values())
+        told = None if self.id is None else self.depths.get(self.id)
+        return told is not None and not told.height
 
-    def _slots(self) -> int:
+    def _slots(self) -> tuple[int, ...]:
+        """Stamps of the clip's frames, lost ones included; none where the images' make no clip, for clip() to complain about."""
         try:
-            return int(uniform_clock(self.stamps(), SOURCE)[0][-1]) + 1
-        except InputError:  # stamps that make no clip are for clip() to complain about
-            return 0
+            return stamps_of_slots(self.announced, SOURCE) if self.announced else ()
+        except InputError:
+            return ()

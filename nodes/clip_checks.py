@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera, Clip
 
+from .convert import stamp_ns
 from .limits import MAX_FRAMES
 
 MOST_GRAVITY_M_S2 = 100.0
@@ -88,6 +90,11 @@ def gravity_of(message: Any) -> np.ndarray | None:
     return vector if vector.any() else None
 
 
+def stamps_of(end: Any) -> tuple[int, ...]:
+    """Stamps of the images that a clip/end announces [ns]."""
+    return tuple(stamp_ns(pose) for pose in end.poses)
+
+
 def _check(message: Any, topic: str, *, empty: bool = False) -> None:
     if empty and not message.height:
         return
@@ -131,8 +138,11 @@ def _check_gravity(message: Any, topic: str) -> None:
 
 
 def _check_end(message: Any, topic: str) -> None:
-    if not 0 < message.data <= MAX_FRAMES:
-        raise InputError(f"topic {topic}: announces {message.data} images, must be 1 .. {MAX_FRAMES}; publish the number of clip/image messages")
+    if not 0 < len(message.poses) <= MAX_FRAMES:
+        raise InputError(f"topic {topic}: announces {len(message.poses)} images, must be 1 .. {MAX_FRAMES}; publish a pose for every clip/image")
+    stamps = stamps_of(message)
+    if stamps[0] != stamp_ns(message) or any(a >= b for a, b in pairwise(stamps)):
+        raise InputError(f"topic {topic}: its stamps must ascend from that of its header; publish those of clip/image in order")
 
 
 _CHECKS: dict[str, Callable[[Any, str], None]] = {

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
 from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS, relative
+from diffphys_ros.splats.ply import to_raw
+from diffphys_ros.types import Splats
 
 from .clip_buffer import ClipBuffer
 from .clip_checks import in_world
@@ -21,7 +24,7 @@ from .convert import message_class, stamp_ns, to_ros
 from .parameters import Own, existing
 from .playback import Playback
 from .qos import profile
-from .splat_topic import splats_of
+from .splat_topic import labels_crc_of, splats_of
 from .worker import FAILED, Job
 
 if TYPE_CHECKING:
@@ -33,7 +36,15 @@ OWN = (
     Own("resume", False, "go on from the checkpoint of an interrupted fit in `out`, where there is one"),
 )
 SPLATS, PROGRESS, QUALITY = "splats", "~/progress", "~/quality"
+MOST_SPLATS = 3  # clips of which Gaussians are kept: those of the next one may come before it
 Steps = Generator[Any, None, Any]
+
+
+class Gaussians(NamedTuple):
+    """What came on `splats`."""
+
+    splats: Splats
+    labels_crc: int | None  # of the mask that they were fitted in, where that is known
 
 
 class Published:
@@ -48,8 +59,7 @@ class FitNode(ClipStage):
     """Runs the inverse solver in one worker thread, latches the fields and plays the recovered motion."""
 
     def __init__(self) -> None:
-        self.splats: Any = None
-        self.splats_ns = 0  # stamp of the clip that they belong to; 0: of any
+        self.splats: dict[int, Gaussians] = {}  # by stamp of the clip that they belong to [ns]
         self.playback: Playback | None = None
         self.loss: float | None = None
         super().__init__("fit_node", OWN, (PROGRESS, *RESULTS, *PLAYED), masks=True, listens=False)
@@ -74,13 +84,13 @@ class FitNode(ClipStage):
 
     def health(self) -> dict[str, Any]:
         reference = None if self.playback is None else self.playback.answer.reference_text
-        return {"loss": self.loss, "playing": self.playback is not None, "net_force_reference": reference}
+        return super().health() | {"loss": self.loss, "playing": self.playback is not None, "net_force_reference": reference}
 
     def job(self) -> Job:
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         if self.bag:
             return lambda: _recover(partial(_from_bag, self.bag, settings), settings, out, resume)
-        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats, settings), settings, out, resume)
+        return partial(_recover, partial(_from_topics, self.buffer.copy(), self.splats[self.buffer.id].splats, settings), settings, out, resume)
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -126,13 +136,21 @@ class FitNode(ClipStage):
 
     def _on_splats(self, message: Any) -> None:
         self.note_input()
-        self.splats, self.splats_ns = splats_of(message), stamp_ns(message)
+        found, clip = Gaussians(splats_of(message), labels_crc_of(message)), stamp_ns(message)
+        before = self.splats.pop(clip, None)
+        self.splats[clip] = found
+        if len(self.splats) > MOST_SPLATS:
+            del self.splats[next(iter(self.splats))]
+        if self.complete and clip == self.buffer.id and not (before and _equal(before, found)):
+            self.work_again("its Gaussians changed")
         self.begin()
 
     def _splats_missing(self) -> str:
-        stamps = self.buffer.stamps()
-        there = self.splats is not None and (not self.splats_ns or (len(stamps) > 0 and self.splats_ns == stamps[0]))
-        return "" if there else f"{SPLATS} of this clip"
+        found = None if self.buffer.id is None else self.splats.get(self.buffer.id)
+        if found is None:
+            return f"{SPLATS} of this clip"
+        known = found.labels_crc is None or not self.buffer.masks or found.labels_crc == self.buffer.first_labels_crc()
+        return "" if known else f"{SPLATS} in the masks of this clip"
 
     def _on_fit(self, request: Any, response: Any) -> Any:
         missing = "" if self.bag else self.buffer.missing(masks=True) or self._splats_missing()
@@ -146,9 +164,9 @@ class FitNode(ClipStage):
         response.message = "ends at its next step" if response.success else "no fit is running"
         return response
 
-    def renew(self) -> None:
-        self.splats = None
-        super().renew()
+    def forget(self) -> None:
+        self.splats = {}
+        super().forget()
 
     def _reset(self, request: Any, response: Any) -> Any:
         self._stop_playback()
@@ -158,6 +176,10 @@ class FitNode(ClipStage):
             response.message = "forgotten; ~/fit reads the bag again"
             self.complete = True
         return response
+
+
+def _equal(a: Gaussians, b: Gaussians) -> bool:
+    return a.labels_crc == b.labels_crc and np.array_equal(to_raw(a.splats), to_raw(b.splats))
 
 
 def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> Steps:

@@ -1,32 +1,35 @@
-"""ingest_node: raw camera topics or a bag in, a clean clip out."""
+"""ingest_node: raw camera topics or a bag in, clean clips out."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Generator
 from functools import partial
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.transforms import MOVING, STATIC
 from diffphys_ros.bags.world import NotYetError
-from diffphys_ros.msg_schemas import messages
-from diffphys_ros.types import Clip
+from diffphys_ros.msg_schemas import TOPICS
 
 from .beside import COLOUR_INFO, DEPTH_INFO, IMU, POSE, Beside
-from .clip_stage import CLIP
-from .clip_topics import clip_messages, slot_stamps
-from .convert import stamp_ns
-from .intake import DEPTH, PRESSED_DEPTH, Intake, clip_of, images_of
+from .clip_buffer import INFO
+from .clip_out import Sent, messages_of, messages_of_clip, ready
+from .clip_stage import CLIP, CLIP_DONE
+from .clip_topics import Plain
+from .convert import message_class, stamp_ns
+from .dispatch import MOST_WAITING, Dispatch
+from .intake import DEPTH, PRESSED_DEPTH, Intake
 from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
 from .parameters import Own, existing
-from .qos import RELIABILITY, latched, moving, sensor
+from .qos import RELIABILITY, latched, moving, profile, sensor
+from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import Job
 
@@ -34,33 +37,44 @@ BAG = Own("bag", "", "recording to read instead of topics: MCAP file, rosbag2 fo
 OWN = (
     BAG,
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
-    Own("silence_s", 2.0, "the clip ends after this long without an image [s]"),
-    Own("patience_s", 10.0, "how long a clip that has ended waits for the camera_info or the transform that it lacks [s]"),
-    Own("max_frames", 1200, "the clip ends after this many images; bounds the memory"),
-    MAX_MIB,
+    Own("clip.trigger", ALWAYS, "what opens a clip: always, the first image; manual, ~/record; motion, what moves", (ALWAYS, MANUAL, MOTION)),
+    Own("clip.seconds", 10.0, "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]"),
+    Own("silence_s", 2.0, "a clip ends after this long without an image [s]"),
+    Own("patience_s", 10.0, "how long a clip that has ended waits for a transform that it lacks [s]"),
+    Own("max_frames", 1200, "a clip ends after this many images"),
+    MAX_MIB._replace(doc="most that is kept of images [MiB]: half of it for what comes in and waits, half for the clip that is out; 218 frames of 640x480 px with depth"),
 )
 MAX_SILENCE_S = 3600.0
-LOOK_AGAIN_S = 0.1
+SECONDS = (0.1, 600.0)
+MOST_IN_HAND = 16  # messages of a clip between the thread that decodes them and the one that publishes
+LOOK_S = 0.1
 IMAGE, PRESSED, MASK = "image", "image/compressed", "mask"
-REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 
 
 class IngestNode(StageNode):
-    """Collects raw images until they stop, or ~/end is called, and publishes one clip; ~/reset begins another."""
+    """Cuts clips out of what a camera sends and publishes them, one after the other; listens on while the other nodes work."""
 
     def __init__(self) -> None:
         super().__init__("ingest_node", OWN, CLIP)
         self.silence_s = bounded(self.parameters, "silence_s", 0.0, MAX_SILENCE_S)
+        half = max_bytes(self.parameters) // 2
         self.patience_s = bounded(self.parameters, "patience_s", 0.0, MAX_SILENCE_S)
         names = (IMAGE, PRESSED, DEPTH, PRESSED_DEPTH, MASK, COLOUR_INFO, DEPTH_INFO, POSE, IMU)
         beside = Beside({name: self.resolve_topic_name(name) for name in names})
-        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), max_bytes(self.parameters), beside)
-        self.lacking = ""  # what a clip that ended waits for
-        self.clear()
+        self.intake = Intake(int(bounded(self.parameters, "max_frames", 2, MAX_FRAMES)), half, beside)
+        self.lacking = ""  # what the clip that is next waits for
+        seconds = bounded(self.parameters, "clip.seconds", *SECONDS)
+        self.recorder = Recorder(self.intake, self.parameters["clip.trigger"], seconds, self._on_closed, self._doubt)
+        self.dispatch = Dispatch()
+        self.collected = self.ignored = 0  # images taken, and of another topic
+        self.first_ns = self.last_ns = 0  # stamps of those that were taken
+        self.last_image: float | None = None
+        self._room = threading.Semaphore(MOST_IN_HAND)
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/record", self._on_record)
         if existing(self.parameters["bag"]):
-            self.start(self._read_job())
+            self._start(self._read_job())
         else:
             self._subscribe()
 
@@ -69,49 +83,46 @@ class IngestNode(StageNode):
         """What is heard beside the images."""
         return self.intake.beside
 
-    def clear(self) -> None:
-        """Begin to collect."""
-        self.intake.begin()
-        self.closed, self.collected, self.ignored = False, 0, 0
-        self.first_ns = self.last_ns = 0  # stamps of the collected images
-        self.last_image: float | None = None
-
-    def start(self, job: Job) -> None:
-        """Close the clip and make it in the worker's thread."""
-        self.closed = True
-        self.worker.start(job)
-        self.state, self.lacking = "working", ""
-
     def waiting_for(self) -> str:
-        if self.closed:
+        if self.parameters["bag"] or self.worker.busy:
             return self.lacking
-        if not self.collected:
+        held_up_by = self.dispatch.held_up_by(self._stages()) if self.dispatch.waiting else []
+        if held_up_by:
+            return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
+        if not self.intake.images and not self.dispatch.waiting:
             return f"{self.beside.name(IMAGE)} or {self.beside.name(PRESSED)}"
-        return "the end of the clip" if self.beside.infos(COLOUR_INFO) else self.beside.name(COLOUR_INFO)
+        if self._camera_missing():
+            return self.beside.name(COLOUR_INFO)
+        return "the end of the clip" if self.recorder.recording else ""
 
     def health(self) -> dict[str, Any]:
-        return {"frames": self.collected, "frequency_hz": self._frequency(), "dropped": self.ignored}
+        waiting = {"clips_waiting": len(self.dispatch.waiting), "clips_dropped": self.dispatch.dropped, "held_mib": (self.intake.bytes + self.dispatch.bytes) / 2**20}
+        return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "dropped": self.ignored, **self.recorder.health(), **waiting}
 
-    def on_news(self, news: str) -> None:
-        """The clip that ended cannot be made yet, or (empty) still not."""
-        if not news:
+    def on_news(self, news: Plain | str | None) -> None:
+        """A message of a clip that is ready, or what it still lacks."""
+        if news is None:
             return
-        self.lacking = news
-        self.get_logger().warning(f"{news}; waiting for it for {self.patience_s:g} s")
+        if isinstance(news, str):
+            self.lacking = news
+            self.get_logger().warning(f"{news}; waiting for it for {self.patience_s:g} s")
+            return
+        self.lacking = ""
+        topic, fields = news
+        if topic == INFO:
+            self.advertise(*CLIP)  # of the clip before nothing is latched any more
+            stamp = fields["header"]["stamp"]
+            self.dispatch.sent(stamp["sec"] * 10**9 + stamp["nanosec"])
+        self.send(topic, fields)
+        self._room.release()
 
-    def on_done(self, result: tuple[Clip, np.ndarray, Any]) -> None:
-        clip, stamps, pose = result
-        self.advertise(*CLIP)
-        for name, fields in clip_messages(clip, stamps, pose):
-            self.send(name, fields)
-        for note in clip.notes:
+    def on_done(self, sent: Sent) -> None:
+        for note in sent.notes:
             self.get_logger().warning(note)
-        self.get_logger().info(f"published a clip of {len(clip)} frames, {clip.period_s * 1e3:.1f} ms apart")
+        self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")
 
     def on_failed(self, reason: str) -> None:
         self.get_logger().error(reason)
-        if not self.parameters["bag"]:
-            self.clear()  # what comes next may make a clip
 
     def _subscribe(self) -> None:
         qos = sensor(self.parameters["reliability"])
@@ -128,33 +139,27 @@ class IngestNode(StageNode):
         except ImportError:
             self.get_logger().info(f"tf2_msgs is not installed: transforms come from {self.beside.name(POSE)} alone")
         else:
-            for topic, profile in ((STATIC, latched()), (MOVING, moving())):
-                self.create_subscription(TFMessage, topic, partial(self._on_tree, kind=topic), profile)
-        self.create_timer(0.1, self._look_for_silence)
+            for topic, quality in ((STATIC, latched()), (MOVING, moving())):
+                self.create_subscription(TFMessage, topic, partial(self._on_tree, kind=topic), quality)
+        done = TOPICS[CLIP_DONE]
+        self.create_subscription(message_class(done.type_name), CLIP_DONE, self._on_clip_done, profile(done))
+        self.create_timer(LOOK_S, self._look)
 
     def _on_image(self, topic: str, message: Any) -> None:
         self.note_input()
-        if self.closed or self.intake.topic not in ("", topic):
+        if self.intake.topic not in ("", topic):
             self.ignored += 1
             return
-        if self.collected and self.last_ns - stamp_ns(message) > REPLAY_JUMP_NS:
-            self.get_logger().info("stamps jumped back; the clip ends here")
-            self._finish()
-            return
-        self.intake.take_image(topic, message)
+        self.intake.elsewhere = self.dispatch.bytes
+        self.recorder.take(topic, message)
         self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
-        if self.intake.full:
-            self.get_logger().warning(f"the clip ends here: {self.collected} images are what max_frames and max_mib allow")
-            self._finish()
 
     def _on_beside(self, topic: str, message: Any) -> None:
-        if not self.closed:
-            (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
+        (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
 
     def _on_info(self, message: Any, topic: str = COLOUR_INFO) -> None:
-        after_ns = self.last_ns if self.collected else 0
-        self.beside.take_info(message, topic, after_ns=after_ns, fov_known=lambda: self.get_parameter("camera.fov_deg").value is not None)
+        self.beside.take_info(message, topic, after_ns=self.last_ns, fov_known=self._fov_known)
 
     def _on_imu(self, message: Any) -> None:
         self.beside.take_imu(message)
@@ -166,71 +171,128 @@ class IngestNode(StageNode):
         for link in tree.transforms:
             self.beside.take_link(link, kind)
 
-    def _look_for_silence(self) -> None:
-        if not self.closed and self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
-            self._finish()
+    def _on_clip_done(self, message: Any) -> None:
+        for status in message.status[:1]:
+            self.dispatch.hear(status.name, stamp_ns(message), status.level[0])
 
-    def _finish(self) -> None:
-        settings = self.parameters.settings()
-        self.start(partial(_assemble, self.intake.closed(), settings, self.patience_s))
+    def _look(self) -> None:
+        """For silence, and whether a clip that waits may go."""
+        if self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
+            self.last_image, self.collected = None, 0
+            self.recorder.silence()
+        self._send_next()
+
+    def _on_closed(self, clip: Intake, why: str) -> None:
+        count, span_s = len(clip.images), clip.span_s
+        if not self.dispatch.add(clip):
+            self.get_logger().warning(
+                f"a clip of {count} images is dropped, the {self.dispatch.dropped}. so far: {MOST_WAITING} wait for {', '.join(self.dispatch.held_up_by(self._stages())) or 'this node'}; "
+                "call ~/reset of a stage to let the next one pass"
+            )
+            return
+        self.get_logger().info(f"a clip of {count} images, {span_s:.2f} s, ends: {why}")
+        if self.recorder.trigger == ALWAYS and why != PAUSE:
+            self.get_logger().info("what the camera sends on is kept for ~/end and ~/record; a clip begins by itself after a pause, or with clip.trigger motion")
+        self._send_next()
+
+    def _send_next(self) -> None:
+        if self.worker.busy or not self.dispatch.waiting or self._camera_missing():
+            return
+        clip = self.dispatch.next(self._stages())
+        if clip is not None:
+            settings = self.parameters.settings()
+            self._start(lambda: self._patiently(clip, settings))
+
+    def _camera_missing(self) -> bool:
+        """Whether what the camera is may still be told: a clip that ended before waits for it."""
+        return not (self.beside.infos(COLOUR_INFO) or self.beside.unusable or self._fov_known())
+
+    def _fov_known(self) -> bool:
+        return self.get_parameter("camera.fov_deg").value is not None
+
+    def _start(self, job: Job) -> None:
+        self.worker.start(job)
+        self.state, self.lacking = "working", ""
+
+    def _patiently(self, clip: Intake, settings: config.Settings) -> Generator[Plain | str | None, None, Sent]:
+        """The messages of a clip; what it lacks may still come for a while."""
+        until, said = time.monotonic() + self.patience_s, ""
+        while True:
+            yield None
+            try:
+                made = ready(clip, settings)
+            except NotYetError as error:
+                if time.monotonic() >= until:
+                    raise
+                if str(error) != said:
+                    yield (said := str(error))
+                time.sleep(LOOK_S)
+            else:
+                return (yield from self._in_turn(messages_of(clip, settings, made)))
+
+    def _in_turn(self, steps: Generator[Plain, None, Sent]) -> Generator[Plain | None, None, Sent]:
+        """Messages as fast as they are published, so that they do not pile up."""
+        while True:
+            while not self._room.acquire(timeout=LOOK_S):
+                yield None
+            try:
+                yield next(steps)
+            except StopIteration as stop:
+                self._room.release()
+                return stop.value
+            except BaseException:
+                self._room.release()
+                raise
 
     def _read_job(self) -> Job:
         bag, settings = self.parameters["bag"], self.parameters.settings()
 
-        def read() -> Generator[None, None, tuple[Clip, np.ndarray, None]]:
-            yield
-            clip = read_clip(bag, settings)
-            return clip, slot_stamps(clip), None
+        def read() -> Generator[Plain | None, None, Sent]:
+            yield None
+            return (yield from self._in_turn(messages_of_clip(read_clip(bag, settings))))
 
         return read
+
+    def _stages(self) -> set[str]:
+        """Who listens to clips, by full name."""
+        found = self.get_publishers_info_by_topic(self.resolve_topic_name(CLIP_DONE))
+        return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found}
+
+    def _doubt(self, fault: str) -> None:
+        self.get_logger().warning(fault)
 
     def _frequency(self) -> float | None:
         span = self.last_ns - self.first_ns
         return 1e9 * (self.collected - 1) / span if span > 0 else None
 
+    def _on_record(self, request: Any, response: Any) -> Any:
+        if self.parameters["bag"]:
+            response.success, response.message = False, "reading a bag; start the node without one"
+        elif request.data:
+            self.recorder.record()
+            response.success, response.message = True, "recording; ~/end closes the clip"
+        else:
+            self._end(response, "~/record false was called")
+        return response
+
     def _on_end(self, request: Any, response: Any) -> Any:
-        response.success = bool(self.collected) and not self.closed
-        response.message = f"clip of {self.collected} images closed" if response.success else "there is no open clip; call ~/reset to begin one"
-        if response.success:
-            self._finish()
+        return self._end(response, "~/end was called")
+
+    def _end(self, response: Any, why: str) -> Any:
+        count, dropped = len(self.intake.images), self.dispatch.dropped
+        response.success = self.recorder.end(why) and self.dispatch.dropped == dropped
+        response.message = f"clip of {count} images closed" if response.success else "dropped, two clips wait" if self.dispatch.dropped > dropped else f"{count} images, a clip has 2 or more"
+        if response.success and self.recorder.fault:
+            response.message += f"; {self.recorder.fault}"
         return response
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        response.success = not self.worker.busy and not self.parameters["bag"]
-        response.message = "collecting" if response.success else "busy, or reading a bag; start the node again"
-        if response.success:
-            self.clear()
-            self.state = "waiting"
+        response.success = not self.parameters["bag"]
+        if not response.success:
+            response.message = "reading a bag; start the node again"
+            return response
+        self.recorder.reset()
+        self.dispatch.dropped += (waited := self.dispatch.release())
+        self.state = "working" if self.worker.busy else "waiting"
+        response.message = f"forgotten, with {waited} clips that waited; collecting"
         return response
-
-
-def _assemble(intake: Intake, settings: config.Settings, patience_s: float) -> Generator[str, None, tuple[Clip, np.ndarray, dict[str, Any] | None]]:
-    """The clip of raw messages, its stamps, and the camera's pose as it was received where it is a single transform. What it lacks may
-    still come for a while, and is news."""
-    yield ""
-    until, said, images = time.monotonic() + patience_s, "", images_of(intake, settings)
-    while True:
-        try:
-            clip, received = clip_of(intake, settings, images)
-            return clip, slot_stamps(clip, received), _single(intake.beside, clip)
-        except NotYetError as error:
-            if time.monotonic() >= until:
-                raise
-            if str(error) != said:
-                said = str(error)
-                yield said
-        time.sleep(LOOK_AGAIN_S)
-        yield ""
-
-
-def _single(beside: Beside, clip: Clip) -> dict[str, Any] | None:
-    """The camera's transform as a plain message where it is the whole chain; a product of several has no exact quaternion."""
-    link = beside.transforms.single(clip.camera.frame_id, clip.camera.world_frame_id)
-    if link is None:
-        return None
-    t, r = link.transform.translation, link.transform.rotation
-    return {
-        "header": messages.header(stamp_ns(link), link.header.frame_id),
-        "child_frame_id": link.child_frame_id,
-        "transform": {"translation": {"x": t.x, "y": t.y, "z": t.z}, "rotation": {"x": r.x, "y": r.y, "z": r.z, "w": r.w}},
-    }

@@ -6,9 +6,9 @@ from diffphys_ros.errors import InputError
 
 from .parameters import Own, Parameters
 
-MAX_MIB = Own("max_mib", 2048, "most of a clip that is kept, in the form in which nodes hand it on [MiB]; 873 frames of 640x480 px with depth and mask")
+MAX_MIB = Own("max_mib", 1024, "most of a clip that is kept, in the form in which nodes hand it on [MiB]; 436 frames of 640x480 px with depth and mask")
 MAX_FRAMES = 10_000  # of a clip, whatever their size: five minutes at 30 Hz
-PIXEL_BYTES = 3 + 4 + 1  # of colour, depth and mask on clip/*
+COLOUR_BYTES, DEPTH_BYTES, LABEL_BYTES = 3, 4, 1  # of a pixel on clip/*
 MIB = 2**20
 
 

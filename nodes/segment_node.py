@@ -46,10 +46,7 @@ class SegmentNode(ClipStage):
         else:
             place_of(message)
         self.told = {what: message}
-        if self.complete and self.state == "working":
-            self.get_logger().warning(f"{what} came while the clip is labelled without it; send it again when that is done, or set wait_for")
-            return
-        self.complete = False
+        self.work_again(f"{what} came")
         self.begin()
 
     def waiting_for(self) -> str:

@@ -17,14 +17,14 @@ SPLATS = "splats"
 
 
 class SplatNode(ClipStage):
-    """Fits Gaussians to frame 0 when clip and masks are complete, and latches them on `splats`."""
+    """Fits Gaussians to frame 0 when clip and masks are complete, again when the masks change, and latches them on `splats`."""
 
     def __init__(self) -> None:
         self.loss: float | None = None
         super().__init__("splat_node", publishes=[SPLATS], masks=True)
 
     def health(self) -> dict[str, Any]:
-        return {"loss": self.loss}
+        return super().health() | {"loss": self.loss}
 
     def job(self) -> Job:
         buffer, settings = self.buffer.copy(), self.parameters.settings()
@@ -36,7 +36,7 @@ class SplatNode(ClipStage):
             clip = placed(in_world(buffer.clip(), settings), settings)
             depth0, _ = surface_depth(clip, settings)
             splats = yield from fit_gaussians(clip, depth0, settings)
-            return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)))
+            return splat_cloud(splats, messages.header(buffer.id, world_frame(clip.camera)), buffer.first_labels_crc())
 
         return fit
 

@@ -14,6 +14,7 @@ from diffphys_ros.nodes.clip_buffer import MASK, OVERFULL, ClipBuffer
 from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.segment_node import SegmentNode
+from tests.conftest import make_clip
 
 HEAD = messages.header(5, "camera_optical")
 MIB = 2**20
@@ -31,6 +32,11 @@ def later(clip, seconds: int = 60):
 
 def image(pixels, encoding: str, /, stamp: int = 5, **changes):
     return to_ros("sensor_msgs/msg/Image", messages.image(messages.header(stamp, "camera_optical"), pixels, encoding) | changes)
+
+
+def path(clip, count: int, /, **changes):
+    stamps = slot_stamps(clip)[:count]
+    return to_ros(TOPICS["clip/end"].type_name, messages.camera_path(stamps.tolist(), clip.camera) | changes)
 
 
 def take(buffer: ClipBuffer, said, sent_ns: int) -> int:
@@ -71,7 +77,7 @@ def test_masks_of_an_earlier_clip_are_not_those_of_this_one(made_clip) -> None:
 def test_what_was_left_of_a_clip_without_an_end_does_not_spoil_the_next(made_clip) -> None:
     buffer, second = ClipBuffer(), later(made_clip)
     sent = take(buffer, said_of(made_clip)[:7], 0)
-    buffer.take("clip/end", to_ros("std_msgs/msg/UInt32", {"data": 3}), sent + 1)
+    buffer.take("clip/end", path(made_clip, 3), sent + 1)
     take(buffer, said_of(second), sent + 1)
     assert buffer.missing(masks=True) == ""
     np.testing.assert_array_equal(buffer.clip().frames, second.frames)
@@ -133,7 +139,11 @@ BAD = {
     ],
     "clip/camera_pose": [("unit quaternion", lambda: to_ros("geometry_msgs/msg/TransformStamped", {"header": HEAD, "transform": {"rotation": {"w": 0.0}}}))],
     "clip/gravity": [("must be within 100", lambda g=g: to_ros("geometry_msgs/msg/Vector3Stamped", {"header": HEAD, "vector": {"z": g}})) for g in (np.nan, -1e300)],
-    "clip/end": [("1 .. 10000", lambda n=n: to_ros("std_msgs/msg/UInt32", {"data": n})) for n in (0, 2**32 - 1)],
+    "clip/end": [
+        ("announces 0 images", lambda: to_ros(TOPICS["clip/end"].type_name, {})),
+        ("must ascend from that of its header", lambda: path(make_clip(), 3, header=messages.header(7))),
+        ("must ascend from that of its header", lambda: path(replace(make_clip(), period_s=-0.1), 3)),
+    ],
 }
 
 

@@ -74,7 +74,7 @@ def test_a_lost_frame_is_lost_on_the_other_side_too(deep_clip):
     frames[5], depth[5] = frames[4], 0
     clip = replace(deep_clip, observed=seen, frames=frames, depth=depth)
     buffer = over_topics(clip)
-    assert buffer.count == len(clip) - 1
+    assert len(buffer.announced) == len(clip) - 1
     assert_same(buffer.clip(), clip)
     np.testing.assert_array_equal(buffer.clip().labels, clip.labels)
 
@@ -115,7 +115,7 @@ def test_a_received_pose_is_handed_on_to_the_last_bit(made_clip):
         sent(buffer, clip_messages(made_clip, slot_stamps(made_clip), link))
     poses = [buffer.clip().camera.world_from_camera for buffer in buffers]
     np.testing.assert_array_equal(poses[0], poses[1])
-    assert buffers[0].pose.transform.rotation.w == 0.9273618495495703
+    assert buffers[0].single("clip/camera_pose").transform.rotation.w == 0.9273618495495703
 
 
 def test_masks_of_another_size_are_refused_with_a_sentence(made_clip):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
@@ -19,7 +20,7 @@ from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_st
 from diffphys_ros.nodes.convert import message_class, to_ros
 from diffphys_ros.nodes.listen import Listener
 from diffphys_ros.nodes.qos import latched, profile, sensor
-from diffphys_ros.nodes.splat_topic import LAYOUT, splat_cloud
+from diffphys_ros.nodes.splat_topic import LABELS, LAYOUT, splat_cloud
 from diffphys_ros.splats.ply import FIELDS, from_raw
 from diffphys_ros.types import Splats
 
@@ -39,7 +40,7 @@ def malformed(type_name: str) -> Iterator[dict[str, Any]]:
     """Fields that are wrong in one way or other, of a type."""
     head = messages.header(STAMP, "camera_optical")
     yield {}
-    yield {"data": 0} if type_name.endswith("UInt32") else {"header": {"stamp": {"sec": -5, "nanosec": 4_000_000_000}, "frame_id": "x" * 3000}}
+    yield {"header": {"stamp": {"sec": -5, "nanosec": 4_000_000_000}, "frame_id": "x" * 3000}}
     if type_name == IMAGE:
         good = messages.image(head, np.zeros((4, 4, 3), np.uint8), "rgb8")
         for change in ({"encoding": "nv21"}, {"encoding": "32FC1"}, {"height": 0}, {"width": 0}, {"step": 2**31}, {"height": 2**31}, {"data": b""}, {"encoding": "mono8", "step": 1}):
@@ -59,9 +60,9 @@ def malformed(type_name: str) -> Iterator[dict[str, Any]]:
         yield hostile_cloud({}, scale_0=200.0)
         yield hostile_cloud({}, rot_0=0.0)
         yield clouds.pack(head, clouds.FORCE, dict.fromkeys(clouds.FORCE, np.full((2, 3), NAN)) | {"id": np.zeros((2, 3))}, (2, 3))
-    elif type_name.endswith("UInt32"):
-        yield {"data": 2**32 - 1}
-        yield {"data": 3}
+    elif type_name.endswith("Path"):
+        yield {"header": head, "poses": [{"header": head}, {"header": head}]}
+        yield {"header": head, "poses": [{"header": head}, {"header": messages.header(2 * STAMP)}]}
     elif type_name == IMU:
         yield {"header": head, "linear_acceleration": {"x": NAN, "y": 1e308, "z": float("inf")}}
     elif type_name.endswith("Vector3Stamped"):
@@ -77,7 +78,7 @@ def malformed(type_name: str) -> Iterator[dict[str, Any]]:
 
 
 def hostile_cloud(change: dict[str, Any], **numbers: float) -> dict[str, Any]:
-    columns = dict.fromkeys(FIELDS, np.zeros(3)) | {"rot_0": np.ones(3)} | {name: np.full(3, value) for name, value in numbers.items()}
+    columns = dict.fromkeys(FIELDS, np.zeros(3)) | {"rot_0": np.ones(3), LABELS: np.zeros(3)} | {name: np.full(3, value) for name, value in numbers.items()}
     return clouds.pack(messages.header(STAMP, "world"), LAYOUT, columns, (1, 3)) | change
 
 
@@ -186,7 +187,7 @@ def test_after_all_that_good_splats_and_a_good_clip_begin_the_fit(graph, made_cl
     graph.node.create_subscription(message_class(TOPICS["~/progress"].type_name), "/fit_node/progress", begun.append, profile(TOPICS["~/progress"]))
     graph.publish("splats", hostile_cloud({"height": 0}))
     stamps = slot_stamps(made_clip)
-    graph.publish("splats", splat_cloud(splats(), messages.header(int(stamps[0]), "world")))
+    graph.publish("splats", splat_cloud(splats(), messages.header(int(stamps[0]), "world"), zlib.crc32(made_clip.labels[0].tobytes())))
     for topic, plain in [*clip_messages(made_clip, stamps), *mask_messages(made_clip, stamps)]:
         graph.publish(topic, plain)
     graph.until(lambda: begun)

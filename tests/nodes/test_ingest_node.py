@@ -88,18 +88,19 @@ def test_silence_ends_the_clip_and_a_late_listener_gets_all_of_it(camera, made_c
     np.testing.assert_array_equal(clip.frames[clip.seen], made_clip.frames[clip.seen])
 
 
-def test_the_service_ends_the_clip_and_what_comes_later_is_counted_as_dropped(camera, made_clip):
+def test_the_service_ends_the_clip_and_what_comes_later_opens_none_before_reset(camera, made_clip):
     c = camera(silence_s=1000.0)
     assert not c.call("end").success  # nothing there yet
     c.publish(made_clip, range(len(made_clip)))
-    c.until(lambda: c.node.collected == len(made_clip))
+    c.until(lambda: c.node.health()["frames"] == len(made_clip))
     assert c.call("end").success
     c.until(lambda: c.node.state == "done")
     c.publish(made_clip, range(3))
-    c.until(lambda: c.node.health()["dropped"] == 3)
+    c.until(lambda: c.node.health()["frames"] == 3)
+    assert not c.node.health()["recording"]
     assert c.call("reset").success
     c.publish(made_clip, range(5))
-    c.until(lambda: c.node.collected == 5)
+    c.until(lambda: c.node.health()["recording"] and c.node.health()["frames"] == 5)
 
 
 def test_a_recording_that_starts_over_ends_the_clip(camera, made_clip):
@@ -110,7 +111,10 @@ def test_a_recording_that_starts_over_ends_the_clip(camera, made_clip):
     c.publish(slow, range(len(slow)))
     c.publish(slow, range(1))
     c.until(lambda: c.node.state == "done")
-    assert c.node.collected == len(slow)
+    c.listen()
+    c.until(lambda: not c.buffer.missing(masks=False))
+    assert len(c.buffer.announced) == len(slow)
+    assert not c.node.health()["recording"]
 
 
 def test_a_camera_without_focal_length_is_refused_with_a_sentence(camera, made_clip):

@@ -8,7 +8,7 @@ import pytest
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.nodes.convert import to_ros
-from diffphys_ros.nodes.splat_topic import splat_cloud, splats_of
+from diffphys_ros.nodes.splat_topic import labels_crc_of, splat_cloud, splats_of
 from diffphys_ros.splats.ply import FIELDS, from_raw, to_raw
 from diffphys_ros.types import Splats
 
@@ -26,16 +26,17 @@ def splats() -> Splats:
 
 
 def test_the_topic_gives_the_raw_rows_back_bit_for_bit(splats):
-    cloud = to_ros("sensor_msgs/msg/PointCloud2", splat_cloud(splats, messages.header(1, "world")))
+    cloud = to_ros("sensor_msgs/msg/PointCloud2", splat_cloud(splats, messages.header(1, "world"), 5))
     received = splats_of(cloud)
     direct = from_raw(to_raw(splats))
     for name in NAMES:
         np.testing.assert_array_equal(getattr(received, name), getattr(direct, name))
-    assert tuple(f.name for f in cloud.fields) == FIELDS
+    assert tuple(f.name for f in cloud.fields) == (*FIELDS, "labels")
+    assert labels_crc_of(cloud) == 5
 
 
 def test_a_cloud_without_all_fields_is_refused(splats):
-    cloud = splat_cloud(splats, messages.header(1, "world"))
+    cloud = splat_cloud(splats, messages.header(1, "world"), 5)
     cloud["fields"] = [f for f in cloud["fields"] if f["name"] != "opacity"]
     with pytest.raises(InputError, match="opacity"):
         splats_of(cloud)

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""Kills nodes of a running graph with SIGKILL, each alone and in pairs, starts them again, and says what came of the clip and of the next one.
+
+Exit status 0 only if after every kill the next clip has its own result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import time
+from itertools import combinations
+from pathlib import Path
+
+from clip_rig import NODES, SILENCE_S, Rig, rig
+from processes import run
+
+START_S, CLIP_S, MOMENT_S, GONE_S = 120.0, 240.0, 120.0, 30.0  # longest waits; the last one for the result of a clip of which nothing more is heard
+MOMENTS = {"sent": ("ingest_node", "ends: "), "labelled": ("segment_node", "label images"), "fit": ("fit_node", "modes: ")}  # who then says what
+WAITS = re.compile(r"waiting for (.*)")
+
+
+def main(arguments: list[str]) -> int:
+    """Prints the table; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--nodes", nargs="*", help="such as segment_node, or fit_node+splat_node for a pair; each alone and all pairs where none is named")
+    parser.add_argument("--moments", nargs="*", choices=MOMENTS, default=list(MOMENTS), help="when: the clip has ended, is labelled, is fitted")
+    parser.add_argument("--out", type=Path, default=Path("out/kills"), help="folder for the logs")
+    options = parser.parse_args(arguments)
+    cases = [tuple(word.split("+")) for word in options.nodes or []] or [*((name,) for name in NODES), *combinations(NODES, 2)]
+    good = True
+    with rig(options.out) as graph:
+        graph.start(*NODES)
+        if not graph.wait_for_nodes(START_S):
+            print(f"kills: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
+            return 1
+        print(f"{'killed':32}{'when':10}{'its clip':40}{'the next clip':24}waited for", flush=True)
+        for number, (moment, names) in enumerate((moment, names) for names in cases for moment in options.moments):
+            good &= one_kill(graph, names, moment, 2 * number)
+    return 0 if good else 1
+
+
+def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bool:
+    """A row of the table; whether the next clip has its own result."""
+    who, words = MOMENTS[moment]
+    marks = {name: len(graph.said(name)) for name in NODES}
+    told = graph.send(number)
+    graph.spin(lambda: words in graph.said(who, marks[who]), MOMENT_S)
+    ears = graph.ears()
+    began = time.monotonic()
+    graph.kill(*names)
+    graph.start(*names)
+    if "ingest_node" in names:
+        graph.spin(lambda: len(graph.ears() - ears) >= 3, START_S)
+    graph.spin(lambda: told.whole, CLIP_S if told_of(graph, marks) else GONE_S)
+    first = f"its own result after {time.monotonic() - began:.0f} s" if told.whole else "gone"
+    waits = {name: WAITS.findall(graph.said(name, marks[name])) for name in NODES}
+    after = graph.send(number + 1)
+    began = time.monotonic()
+    graph.spin(lambda: after.whole, CLIP_S)
+    second = f"its own result, {time.monotonic() - began:.0f} s" if after.whole else "NO RESULT"
+    said = "; ".join(f"{name.removesuffix('_node')}: {found[-1]}" for name, found in waits.items() if found) if not told.whole else ""
+    print(f"{' '.join(name.removesuffix('_node') for name in names):32}{moment:10}{first:40}{second:24}{said}", flush=True)
+    graph.spin(lambda: False, SILENCE_S)
+    return after.whole
+
+
+def told_of(graph: Rig, marks: dict[str, int]) -> bool:
+    """Whether the clip has left ingest_node whole: what was in a killed one is gone."""
+    return "published a clip" in graph.said("ingest_node", marks["ingest_node"])
+
+
+if __name__ == "__main__":
+    run(lambda: main(sys.argv[1:]))
