@@ -14,6 +14,7 @@ INPUTS = {"image": "image", "camera_info": "camera_info", "depth": "depth", "mas
 ARGUMENTS = {
     **{name: (topic, f"topic of {name}") for name, topic in INPUTS.items()},
     "reliability": ("best_effort", "of the raw inputs: best_effort or reliable"),
+    "clip_trigger": ("always", "what opens a clip: always, manual (~/record) or motion"),
     "config": ("", "YAML file of settings"),
     "out": ("", "folder for the results; empty: none are written"),
     "rrd": ("diffphys.rrd", "rerun recording that inspect_node writes"),
@@ -24,7 +25,7 @@ ARGUMENTS = {
 def generate_launch_description() -> LaunchDescription:
     given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
     own = {
-        "ingest_node": {"reliability": given["reliability"]},
+        "ingest_node": {"reliability": given["reliability"], "clip.trigger": given["clip_trigger"]},
         "segment_node": {},
         "splat_node": {},
         "fit_node": {"out": given["out"]},

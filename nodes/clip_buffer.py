@@ -43,6 +43,7 @@ class ClipBuffer:
     opened_ns: int | None = None  # when `info` was sent, where that is known
     overfull: bool = False
     bytes: int = 0  # of images, depths and masks
+    whole: Clip | None = None  # in the place of its images, without labels
     mask_set: int = 0  # how many sets of masks were complete, each unlike the one before
 
     def take(self, topic: str, message: Any, sent_ns: int | None = None) -> bool:
@@ -87,21 +88,39 @@ class ClipBuffer:
         """What is still to come, in words; empty where the clip is complete."""
         if self.overfull:
             return OVERFULL
-        for topic, there in ((IMAGE, self.images), (END, self.single(END) or (self.info is None and any(t == END for t, _ in self.singles))), (INFO, self.info)):
+        for topic, there in ((IMAGE, self.images or self.whole), (END, self.single(END) or (self.info is None and any(t == END for t, _ in self.singles))), (INFO, self.info)):
             if not there:
                 return topic
         frames = len(self._frames())
-        if frames < len(self.announced):
+        if self.whole is None and frames < len(self.announced):
             return f"{IMAGE} (all {len(self.announced)} that {END} announced, of {self.info.width}x{self.info.height} px; {frames} came)"
         for topic in (POSE, GRAVITY, FIRST_MASK):
             if self.single(topic) is None:
                 return topic
-        if not self._without_depth and any(stamp not in self.depths for stamp in self.announced):
+        if self.whole is None and not self._without_depth and any(stamp not in self.depths for stamp in self.announced):
             return DEPTH
         return MASK if masks and not self.masks and self._slots() else ""
 
     def clip(self) -> Clip:
         """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
+        clip = self.whole or self._assembled()
+        return clip.with_labels(self._labels(clip)) if self.masks else clip
+
+    def settle(self, clip: Clip) -> None:
+        """Keep the clip that was made of the images in their place. Labels come from the masks."""
+        for topic, stamp in list(self.sent):
+            if topic in (IMAGE, DEPTH):
+                self._drop(topic, stamp)
+        self._let_go()
+        self.whole = replace(clip, labels=None)
+        self.bytes += _size(self.whole)
+
+    def _let_go(self) -> None:
+        if self.whole is not None:
+            self.bytes -= _size(self.whole)
+            self.whole = None
+
+    def _assembled(self) -> Clip:
         depths = [] if self._without_depth else [(s, array_of(self.depths[s])) for s in self.announced if self.depths[s].height]
         images = [(s, array_of(m)) for s, m in self._frames().items()]
         camera = camera_of(self.info, self.single(POSE))
@@ -109,7 +128,7 @@ class ClipBuffer:
         first_mask = self.single(FIRST_MASK)
         if first_mask.height:
             clip = replace(clip, first_labels=labels_of(first_mask, FIRST_MASK))
-        return clip.with_labels(self._labels(clip)) if self.masks else clip
+        return clip
 
     def stamps(self) -> np.ndarray:
         """Stamps of the clip's images, ascending [ns]."""
@@ -129,6 +148,8 @@ class ClipBuffer:
         for (topic, stamp), then in list(self.sent.items()):
             if (another and then is None) or (then is not None and sent_ns is not None and then < sent_ns):
                 self._drop(topic, stamp)
+        if another:
+            self._let_go()
         self.info, self.opened_ns, self.overfull = info, sent_ns, False
         if another and self.id != before:  # published once more it has the same masks, and its stage may be done before this is heard
             self._drop_masks({s: m for s, m in self.fresh.items() if s >= stamp_ns(info)})
@@ -145,6 +166,7 @@ class ClipBuffer:
                 if name in (IMAGE, DEPTH):
                     self._drop(name, at)
             self._drop_masks({})
+            self._let_go()
             self.overfull = True
             raise InputError(
                 f"topic {topic}: the clip has over {MAX_FRAMES} messages or {self.max_bytes // MIB} MiB and is dropped; publish a shorter "
@@ -192,7 +214,7 @@ class ClipBuffer:
         return {s: m for s, m in there if (m.width, m.height) == (self.info.width, self.info.height)}
 
     def _labels(self, clip: Clip) -> np.ndarray:
-        labels, size = [labels_of(m, MASK) for _, m in sorted(self.masks.items())], clip.frames.shape[1:3]
+        labels, size = [labels_of(self.masks[stamp], MASK) for stamp in sorted(self.masks)[: len(clip)]], clip.frames.shape[1:3]
         odd = next((each for each in labels if each.shape != size), None)
         if odd is not None:
             raise InputError(f"topic {MASK}: a mask has {odd.shape[1]}x{odd.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
@@ -209,3 +231,8 @@ class ClipBuffer:
             return stamps_of_slots(self.announced, SOURCE) if self.announced else ()
         except InputError:
             return ()
+
+
+def _size(clip: Clip) -> int:
+    """Bytes of a clip's images."""
+    return clip.frames.nbytes + (0 if clip.depth is None else clip.depth.nbytes)

@@ -10,7 +10,7 @@ import numpy as np
 
 from diffphys_ros.bags.camera import camera_from_info
 from diffphys_ros.bags.decode import check_image, decode_image, is_depth
-from diffphys_ros.bags.encodings import may_be_colour
+from diffphys_ros.bags.encodings import may_be_colour, metres
 from diffphys_ros.bags.read import decoded
 from diffphys_ros.bags.transforms import HELD, Transforms, pose_of
 from diffphys_ros.bags.world import require_world
@@ -64,7 +64,12 @@ def colour_of(message: Any, topic: str) -> np.ndarray:
 
 
 def array_of(message: Any) -> np.ndarray:
-    """RGB uint8 (H, W, 3) or depth [m] float32 (H, W) of a sensor_msgs/Image. Raises InputError."""
+    """RGB uint8 (H, W, 3) or depth [m] float32 (H, W) of a sensor_msgs/Image, over its own bytes where they are that. Raises InputError."""
+    height, width = message.height, message.width
+    if message.encoding == "rgb8" and message.step == 3 * width and len(message.data) == 3 * width * height:
+        return np.frombuffer(message.data, np.uint8).reshape(height, width, 3)
+    if message.encoding == "32FC1" and not message.is_bigendian and message.step == 4 * width and len(message.data) == 4 * width * height:
+        return metres(np.frombuffer(message.data, np.dtype("<f4")).reshape(height, width))
     return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
 from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.types import Clip
 
 from .clip_buffer import DEPTH, END, FIRST_MASK, GRAVITY, IMAGE, INFO, MASK, POSE, ClipBuffer
 from .convert import message_class
@@ -20,6 +22,24 @@ from .worker import DONE, FAILED, NEWS, Event, Job
 
 CLIP = (INFO, POSE, GRAVITY, FIRST_MASK, IMAGE, DEPTH, END)
 CLIP_DONE = "clip/done"
+
+
+class Assembled(NamedTuple):
+    """News of a job: the clip that it made of the buffer's images, which need not be kept twice."""
+
+    of: tuple[int | None, int | None]  # first stamp, and when it was sent [ns]
+    clip: Clip
+
+
+def assembled(buffer: ClipBuffer, frames: int | None = None) -> Generator[Any, None, Clip]:
+    """The clip of a job's own copy of the buffer, or its first `frames`; lets the messages go. Raises InputError."""
+    clip = buffer.clip()
+    if frames is not None:
+        cut = {name: getattr(clip, name)[:frames].copy() for name in ("frames", "depth", "labels", "observed") if getattr(clip, name) is not None}
+        clip = replace(clip, **cut)
+    buffer.settle(clip)
+    yield Assembled((buffer.id, buffer.opened_ns), clip)
+    return clip
 
 
 class ClipStage(StageNode):
@@ -95,7 +115,10 @@ class ClipStage(StageNode):
         return True
 
     def _handle(self, event: Event) -> None:
-        if not self.outdated:
+        if isinstance(event.value, Assembled):
+            if event.value.of == (self.buffer.id, self.buffer.opened_ns):
+                self.buffer.settle(event.value.clip)
+        elif not self.outdated:
             super()._handle(event)
         elif event.kind != NEWS:
             self.outdated, self.state = False, "waiting"

@@ -19,7 +19,7 @@ from diffphys_ros.types import Splats
 
 from .clip_buffer import ClipBuffer
 from .clip_checks import in_world
-from .clip_stage import ClipStage
+from .clip_stage import ClipStage, assembled
 from .convert import message_class, stamp_ns, to_ros
 from .parameters import Own, existing
 from .playback import Playback
@@ -191,7 +191,8 @@ def _from_bag(bag: str, settings: config.Settings, checkpoint: Checkpoint) -> St
 def _from_topics(buffer: ClipBuffer, splats: Any, settings: config.Settings, checkpoint: Checkpoint) -> Steps:
     from diffphys_ros.inverse import run
 
-    return (yield from run(in_world(buffer.clip(), settings), settings, splats=splats, checkpoint=checkpoint))
+    clip = in_world((yield from assembled(buffer)), settings)
+    return (yield from run(clip, settings, splats=splats, checkpoint=checkpoint))
 
 
 def _recover(job: Callable[[Checkpoint], Steps], settings: config.Settings, out: str, resume: bool) -> Generator[Any, None, list[str]]:

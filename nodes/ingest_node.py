@@ -99,6 +99,9 @@ class IngestNode(StageNode):
         waiting = {"clips_waiting": len(self.dispatch.waiting), "clips_dropped": self.dispatch.dropped, "held_mib": (self.intake.bytes + self.dispatch.bytes) / 2**20}
         return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "dropped": self.ignored, **self.recorder.health(), **waiting}
 
+    def doubtful(self) -> bool:
+        return bool(self.recorder.recording and self.recorder.warning())
+
     def on_news(self, news: Plain | str | None) -> None:
         """A message of a clip that is ready, or what it still lacks."""
         if news is None:

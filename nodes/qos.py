@@ -8,6 +8,7 @@ from diffphys_ros.msg_schemas.topics import KEEP_ALL, Topic
 
 RELIABILITY = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
 SENSOR_DEPTH = 10
+RELIABLE_DEPTH = 300  # ten seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
 TREE_DEPTH = 20  # links of the camera's transform tree
 MOVING_DEPTH = 100  # messages of /tf, as tf2_ros has it
 
@@ -24,9 +25,9 @@ def profile(topic: Topic) -> QoSProfile:
 
 
 def sensor(reliability: str) -> QoSProfile:
-    """Raw inputs: best effort takes every publisher; reliable loses nothing but needs a reliable publisher."""
+    """Raw inputs: best effort takes every publisher; reliable needs a reliable publisher, and loses nothing of a node that keeps up."""
     if reliability == "reliable":
-        return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_ALL)
+        return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=RELIABLE_DEPTH)
     return QoSProfile(reliability=RELIABILITY[reliability], history=HistoryPolicy.KEEP_LAST, depth=SENSOR_DEPTH)
 
 

@@ -17,7 +17,7 @@ from diffphys_ros.types import Camera
 
 from .clip_buffer import MASK
 from .clip_checks import check_labels, in_world, labels_of
-from .clip_stage import ClipStage
+from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
@@ -60,11 +60,11 @@ class SegmentNode(ClipStage):
     def job(self) -> Job:
         buffer, settings, told = self.buffer.copy(), self.parameters.settings(), dict(self.told)
 
-        def label() -> Generator[str, None, list[Any]]:
+        def label() -> Generator[Any, None, list[Any]]:
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed(in_world(buffer.clip(), settings), settings), settings
+            clip, chosen = placed(in_world((yield from assembled(buffer)), settings), settings), settings
             if CLICK in told:
                 chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:

@@ -105,6 +105,10 @@ class StageNode(Node):
         """More keys for /diagnostics."""
         return {}
 
+    def doubtful(self) -> bool:
+        """Whether /diagnostics warns though no input was refused."""
+        return False
+
     def _poll(self) -> None:
         for event in self.worker.poll():
             self._handle(event)
@@ -135,7 +139,7 @@ class StageNode(Node):
         if wanted and time.monotonic() - self._quiet_since > SILENCE_WARNING_S:
             self._quiet_since = time.monotonic()
             self.get_logger().warning(f"no data for {SILENCE_WARNING_S:g} s; waiting for {wanted}")
-        level = messages.ERROR if self.state == FAILED or self.net.faults else messages.WARN if self.net.bad_input_lately else messages.OK
+        level = messages.ERROR if self.state == FAILED or self.net.faults else messages.WARN if self.net.bad_input_lately or self.doubtful() else messages.OK
         age = None if self.last_input is None else time.monotonic() - self.last_input
         values = {
             "state": self.state,

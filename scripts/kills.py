@@ -16,7 +16,7 @@ from pathlib import Path
 from clip_rig import NODES, SILENCE_S, Rig, rig
 from processes import run
 
-START_S, CLIP_S, MOMENT_S, GONE_S = 120.0, 240.0, 120.0, 30.0  # longest waits; the last one for the result of a clip of which nothing more is heard
+START_S, CLIP_S, MOMENT_S, GONE_S = 120.0, 600.0, 300.0, 20.0  # longest waits; the last one for the result of a clip of which nothing more is heard
 MOMENTS = {"sent": ("ingest_node", "ends: "), "labelled": ("segment_node", "label images"), "fit": ("fit_node", "modes: ")}  # who then says what
 WAITS = re.compile(r"waiting for (.*)")
 
@@ -53,7 +53,8 @@ def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bo
     graph.start(*names)
     if "ingest_node" in names:
         graph.spin(lambda: len(graph.ears() - ears) >= 3, START_S)
-    graph.spin(lambda: told.whole, CLIP_S if told_of(graph, marks) else GONE_S)
+    sent = "ingest_node" not in names or "published a clip" in graph.said("ingest_node", marks["ingest_node"])
+    graph.spin(lambda: told.whole, CLIP_S if sent else GONE_S)  # what was in a killed ingest_node is gone
     first = f"its own result after {time.monotonic() - began:.0f} s" if told.whole else "gone"
     waits = {name: WAITS.findall(graph.said(name, marks[name])) for name in NODES}
     after = graph.send(number + 1)
@@ -64,11 +65,6 @@ def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bo
     print(f"{' '.join(name.removesuffix('_node') for name in names):32}{moment:10}{first:40}{second:24}{said}", flush=True)
     graph.spin(lambda: False, SILENCE_S)
     return after.whole
-
-
-def told_of(graph: Rig, marks: dict[str, int]) -> bool:
-    """Whether the clip has left ingest_node whole: what was in a killed one is gone."""
-    return "published a clip" in graph.said("ingest_node", marks["ingest_node"])
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import numpy as np
 from clip_rig import EVERY_SECOND_SLOWER, NODES, SILENCE_S, Rig, Told, rig
 from processes import run
 
-START_S, CLIP_S, WHOLE_S = 120.0, 120.0, 400.0  # longest waits
+START_S, CLIP_S, WHOLE_S = 120.0, 600.0, 600.0  # longest waits
 AHEAD = 2  # clips that are sent before the first of them has ended: they wait in ingest_node
 WHOLE_ITERATIONS = 8
 AGREES = 0.05  # of log10 E within which clips of one kind must come out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import zlib
 from dataclasses import replace
 
@@ -18,6 +19,8 @@ from diffphys_ros.nodes.splat_node import SplatNode
 from diffphys_ros.nodes.splat_topic import splat_cloud
 from diffphys_ros.splats.ply import FIELDS, from_raw
 from diffphys_ros.types import Clip
+
+from .processes import PATIENCE_S
 
 SECOND = 10**9
 
@@ -207,3 +210,22 @@ def test_a_clip_that_is_dropped_for_the_next_one_is_counted_and_said(make_node, 
             node.take(name, message)
     assert node.health()["clips_dropped"] == 1
     assert [(name, fields["header"], fields["status"][0]["message"]) for name, fields in heard] == [("clip/done", messages.header(first.start_ns), "dropped")]
+
+
+def test_a_clip_is_kept_once_and_takes_other_masks_when_its_images_are_gone(make_node, first) -> None:
+    node, other = make_node(SplatNode, splats__max_count=50, fit__device="cpu"), replace(first, labels=first.labels[:, :, ::-1].copy())
+    whole = sum(len(message.data) for name, message in messages_of(first) if name in ("clip/image", "clip/depth"))
+    for name, message in messages_of(first):
+        node.take(name, message)
+    assert node.buffer.bytes >= whole
+    deadline = time.monotonic() + PATIENCE_S
+    while node.buffer.images and time.monotonic() < deadline:
+        node._poll()
+    assert not node.buffer.images
+    assert node.buffer.bytes < whole / 2  # frame 0 and the masks
+    node.worker.cancel()
+    for name, message in masks_of(other):
+        node.take(name, message)
+    assert node.buffer.missing(masks=True) == ""
+    np.testing.assert_array_equal(node.buffer.clip().labels[0], other.labels[0])
+    np.testing.assert_array_equal(node.buffer.clip().frames[0], first.frames[0])
