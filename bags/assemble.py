@@ -147,12 +147,18 @@ def _paired(
     for index, slot, distance in zip(nearest, slots, apart, strict=True):
         if distance <= slop_s:
             result[slot] = depths[index][1]
-    return result, _pairing(apart, slop_s, period)
+    return result, said_of_pairs(apart, slop_s, period, source)
 
 
-def _pairing(apart: np.ndarray, slop_s: float, period: float) -> list[str]:
-    """What is said of depth images that are missing, or not of the time [s] of their colour image."""
+def said_of_pairs(apart: np.ndarray, slop_s: float, period: float, source: str) -> list[str]:
+    """What is said of depth images that are missing, or not of the time of their colour image, by the time [s] from each of these to the
+    nearest. Raises InputError where all are missing."""
     kept = apart[apart <= slop_s]
+    if not len(kept):
+        raise InputError(
+            f"{source}: no depth image lies within {1e3 * slop_s:.3g} ms of a colour image (sync.slop_s), the nearest is {1e3 * apart.min():.3g} ms away; "
+            "have the cameras synchronised, raise sync.slop_s, or set topics.depth to 'none'"
+        )
     missing = len(apart) - len(kept)
     notes = [f"{missing} of {len(apart)} frames have no depth image within {1e3 * slop_s:.3g} ms (sync.slop_s)"] if missing else []
     if len(kept) and np.median(kept) > APART * period:

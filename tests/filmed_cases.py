@@ -160,7 +160,7 @@ CASES: dict[str, Case] = {
     "depth camera": lambda: (depth_camera(), OWN_FRAME),
     "depth of another size": lambda: (depth_camera(known=False, frame_id=COLOUR_FRAME), {}),
     "depth 20 ms late": lambda: ([*colour(plain()), *depth([np.full((HEIGHT, WIDTH), 1.0 + k) for k in range(FRAMES)], 20_000_000), info()], {}),
-    "depth 4 ms late": lambda: ([*colour(plain()), *depth(np.ones((HEIGHT, WIDTH)), 4_000_000), info()], {"sync.slop_s": 0.003}),
+    "depth 4 ms late": lambda: ([*colour(plain()), *depth(np.ones((HEIGHT, WIDTH)), 4_000_000), info()], {"sync.slop_s": 0.005}),
     "world over a moving link": lambda: (in_world(), GRAVITY),
     "target_frame": lambda: (in_world(), {"scene.target_frame": "wrist"} | GRAVITY),
     "no transform": lambda: ([*colour(plain()), info()], {}),
@@ -177,6 +177,10 @@ REFUSED: dict[str, tuple[Case, str]] = {
     "rectified without P": (lambda: ([*colour(plain(), "/color/image_rect"), info(d=[-0.3, 0.1, 0, 0, 0])], {}), "has no P, which the rectified images of .*image_rect need"),
     "region that does not fit": (lambda: ([*colour(plain()), info(binning_x=2, binning_y=2)], {}), "is for 160x120 px, bins of 2x2 px, the images of .* have 160x120 px"),
     "R that is no rotation": (lambda: ([*colour(plain()), info(r=np.full(9, 0.5))], {}), "an R that is no rotation; calibrate"),
+    "depth too late": (
+        lambda: ([*colour(plain()), *depth(np.ones((HEIGHT, WIDTH)), 4_000_000), info()], {"sync.slop_s": 0.003}),
+        r"no depth image lies within 3 ms of a colour image \(sync.slop_s\), the nearest is 4 ms away; have the cameras synchronised, raise sync.slop_s",
+    ),
     "camera that moves": (lambda: (on_moving_arm(shift_m=0.12), GRAVITY), r"the camera moves by up to 0\.12 m and turns .* must stay within 1 mm; keep it still"),
     "camera that turns away": (lambda: (on_moving_arm(turn_deg=60), GRAVITY), "turns by up to .* degrees during the clip and then sees"),
 }
