@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import nullcontext
 
 import numpy as np
 import pytest
+import rclpy
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
@@ -14,10 +16,13 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_buffer import ClipBuffer
 from diffphys_ros.nodes.clip_out import messages_of
-from diffphys_ros.nodes.convert import stamp_ns, to_ros
-from diffphys_ros.nodes.ingest_node import IngestNode
+from diffphys_ros.nodes.convert import message_class, stamp_ns, to_ros
+from diffphys_ros.nodes.ingest_node import MOST_IN_HAND, IngestNode
 from diffphys_ros.nodes.intake import SPARE, Intake
+from diffphys_ros.nodes.qos import profile
 from diffphys_ros.types import Clip
+
+from .processes import PATIENCE_S
 
 MIB = 2**20
 PERIOD_NS = 33_333_333
@@ -166,11 +171,64 @@ def ended(node: IngestNode) -> str:
 
 def test_a_clip_that_fails_does_not_keep_the_next_one_out(make_node, made_clip) -> None:
     node = make_node(IngestNode)
+    node._on_info(info_of(made_clip))
+    node._on_beside("depth", image(np.ones((5, 5), np.float32), "32FC1", made_clip.start_ns))
     for state in ("failed", "done"):
         for k in range(len(made_clip)):
             node._on_image("image", colour(made_clip, k))
         assert ended(node) == state
-        node._on_info(info_of(made_clip))
+
+
+def test_a_clip_that_ends_before_its_camera_info_comes_waits_for_it(make_node, made_clip) -> None:
+    node = make_node(IngestNode)
+    for k in range(len(made_clip)):
+        node._on_image("image", colour(made_clip, k))
+    assert ended(node) == "waiting"
+    assert node.waiting_for() == "/camera_info"
+    node._on_info(info_of(made_clip))
+    node._look()
+    while node.worker.busy:
+        node._poll()
+    assert node.state == "done"
+
+
+def test_images_are_decoded_one_at_a_time_and_a_slow_publisher_is_waited_for(make_node, made_clip) -> None:
+    node = make_node(IngestNode)
+    node._on_info(info_of(made_clip))
+    for k in range(100):
+        node._on_image("image", image(made_clip.frames[k % 12], "rgb8", made_clip.start_ns + k * PERIOD_NS))
+    assert node._on_end(Trigger.Request(), Trigger.Response()).success
+    until = time.monotonic() + 1.0
+    while time.monotonic() < until:  # nobody polls
+        time.sleep(0.05)
+    assert sum(event.value is not None for event in node.worker.poll()) == MOST_IN_HAND
+
+
+def test_what_stages_say_of_a_clip_lets_the_next_one_go(make_node, made_clip) -> None:
+    node, stage = make_node(IngestNode), rclpy.create_node("segment_node")
+    done = TOPICS["clip/done"]
+    stage.create_publisher(message_class(done.type_name), "clip/done", profile(done))
+    until = time.monotonic() + PATIENCE_S
+    while node._stages() != {"/segment_node"}:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    node._on_info(info_of(made_clip))
+    for number in range(4):
+        for k in range(len(made_clip)):
+            node._on_image("image", image(made_clip.frames[k], "rgb8", made_clip.start_ns + (number * 1000 + k) * PERIOD_NS))
+        node._on_end(Trigger.Request(), Trigger.Response())
+        while node.worker.busy:
+            node._poll()
+    assert node.dispatch.out == made_clip.start_ns
+    assert (node.health()["clips_waiting"], node.health()["clips_dropped"]) == (2, 1)
+    assert "/segment_node to end with the clip before; 2 wait" in node.waiting_for()
+    status = messages.status("/segment_node", {}, level=messages.OK)
+    node._on_clip_done(to_ros(done.type_name, messages.diagnostics(made_clip.start_ns, [status])))
+    node._look()
+    while node.worker.busy:
+        node._poll()
+    assert node.dispatch.out == made_clip.start_ns + 1000 * PERIOD_NS
+    stage.destroy_node()
 
 
 def test_reset_keeps_camera_and_transforms_which_are_not_sent_again(make_node, made_clip) -> None:
