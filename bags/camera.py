@@ -143,7 +143,8 @@ def undistorter(
 
 
 def _rotation(turn: np.ndarray) -> np.ndarray:
-    if not np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION or np.linalg.det(turn) < 0:  # also false for NaN
+    bounded = np.abs(turn).max() < 1 + ROTATION  # false for NaN
+    if not bounded or np.abs(turn @ turn.T - np.eye(3)).max() > ROTATION or np.linalg.det(turn) < 0:
         raise InputError("camera_info has an R that is no rotation; calibrate the camera, or record rectified images")
     return turn
 

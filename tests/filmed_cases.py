@@ -176,6 +176,7 @@ REFUSED: dict[str, tuple[Case, str]] = {
     "no focal length": (lambda: ([*colour(plain()), info(np.zeros((3, 3)))], {}), r"K\[0\] = 0, must be above 0; calibrate"),
     "rectified without P": (lambda: ([*colour(plain(), "/color/image_rect"), info(d=[-0.3, 0.1, 0, 0, 0])], {}), "has no P, which the rectified images of .*image_rect need"),
     "region that does not fit": (lambda: ([*colour(plain()), info(binning_x=2, binning_y=2)], {}), "is for 160x120 px, bins of 2x2 px, the images of .* have 160x120 px"),
+    "R that is not finite": (lambda: ([*colour(plain()), info(r=np.full(9, np.inf))], {}), "an R that is no rotation; calibrate"),
     "R that is no rotation": (lambda: ([*colour(plain()), info(r=np.full(9, 0.5))], {}), "an R that is no rotation; calibrate"),
     "depth too late": (
         lambda: ([*colour(plain()), *depth(np.ones((HEIGHT, WIDTH)), 4_000_000), info()], {"sync.slop_s": 0.003}),

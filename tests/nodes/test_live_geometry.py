@@ -272,3 +272,28 @@ def test_a_stage_refuses_a_clip_of_another_world_than_its_own(made_clip) -> None
     with pytest.raises(InputError, match=r"the clip is in the world world, scene.target_frame is map; tell it to ingest_node too"):
         in_world(made_clip, config.build({"scene.target_frame": "map"}))
     assert in_world(made_clip, config.build({"scene.target_frame": "/world", "scene.floor_z_m": 0.0})) is made_clip
+
+
+def test_trees_of_tf_and_tf_static_make_one_chain_in_the_node(make_node) -> None:
+    from diffphys_ros.bags.storage import typestore
+
+    node, tree_message = make_node(IngestNode), typestore().types[TREE]
+    node._on_tree(tree_message([on_wire(POSE, link("wrist", COLOUR_FRAME, CAMERA_IN_WORLD))]))
+    for k in range(3):
+        node._on_tree(tree_message([on_wire(POSE, link("world", "wrist", pose(0.1 * k), stamp_of(k)))]), kind="/tf")
+    np.testing.assert_allclose(node.beside.transforms.between("world", COLOUR_FRAME, stamp_of(1)), pose(0.1) @ CAMERA_IN_WORLD, atol=1e-9)
+    assert node.beside.transforms.between("world", COLOUR_FRAME, stamp_of(100)) is None
+
+
+def test_transforms_of_tf_are_heard_over_dds(driver) -> None:
+    tf2 = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is in no wheel; source a ROS 2 Jazzy")
+    d = driver(scene__target_frame="world")
+    publishers = {topic: d.me.create_publisher(tf2.TFMessage, topic, latched() if topic == "/tf_static" else 10) for topic in ("/tf", "/tf_static")}
+    d.until(lambda: all(publisher.get_subscription_count() for publisher in publishers.values()))
+    publishers["/tf_static"].publish(tf2.TFMessage(transforms=[to_ros(POSE, link("wrist", COLOUR_FRAME, CAMERA_IN_WORLD))]))
+    for k in range(6):
+        publishers["/tf"].publish(tf2.TFMessage(transforms=[to_ros(POSE, link("world", "wrist", pose(0.1), stamp_of(k)))]))
+    d.until(lambda: len(d.node.beside.transforms) == 2)
+    d.send([info()])
+    d.send(colour(plain()))
+    np.testing.assert_allclose(d.clip().camera.world_from_camera, pose(0.1) @ CAMERA_IN_WORLD, atol=1e-9)
