@@ -33,6 +33,7 @@ class ClipBuffer:
     """
 
     max_bytes: int = MAX_MIB.default * MIB
+    first_alone: bool = False  # whether the pixels of frame 0 are all that is wanted of the images
     info: Any = None
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
     depths: dict[int, Any] = field(default_factory=dict)
@@ -121,8 +122,9 @@ class ClipBuffer:
             self.whole = None
 
     def _assembled(self) -> Clip:
-        depths = [] if self._without_depth else [(s, array_of(self.depths[s])) for s in self.announced if self.depths[s].height]
-        images = [(s, array_of(m)) for s, m in self._frames().items()]
+        frames, first = self._frames(), self.announced[0]
+        depths = [] if self._without_depth else [(s, array_of(m)) for s, m in self.depths.items() if s in frames and m.data]
+        images = [(s, array_of(frames[first] if self.first_alone else m)) for s, m in list(frames.items())[: 2 if self.first_alone else None]]
         camera = camera_of(self.info, self.single(POSE))
         clip = replace(assemble(images, depths, camera, SOURCE), gravity=gravity_of(self.single(GRAVITY)))
         first_mask = self.single(FIRST_MASK)
@@ -151,6 +153,9 @@ class ClipBuffer:
         if another:
             self._let_go()
         self.info, self.opened_ns, self.overfull = info, sent_ns, False
+        if self.first_alone:
+            for stamp in {*self.images, *self.depths}:
+                self._strip(stamp)
         if another and self.id != before:  # published once more it has the same masks, and its stage may be done before this is heard
             self._drop_masks({s: m for s, m in self.fresh.items() if s >= stamp_ns(info)})
         return another
@@ -173,8 +178,17 @@ class ClipBuffer:
                 "or smaller one, or raise the parameter max_mib"
             )
         kept[stamp], self.bytes = message, size
+        if self.first_alone and self.id is not None:
+            self._strip(stamp)
         if topic != MASK:
             self.sent[topic, stamp] = sent_ns
+
+    def _strip(self, stamp: int) -> None:
+        """Let the pixels of an image go that is not the first one."""
+        for kept in (self.images, self.depths):
+            if stamp in kept and stamp != self.id:
+                self.bytes -= len(kept[stamp].data)
+                kept[stamp].data = b""
 
     def _keep_single(self, topic: str, message: Any, sent_ns: int | None) -> None:
         key = topic, stamp_ns(message)

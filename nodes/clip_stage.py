@@ -14,7 +14,7 @@ from diffphys_ros.types import Clip
 
 from .clip_buffer import DEPTH, END, FIRST_MASK, GRAVITY, IMAGE, INFO, MASK, POSE, ClipBuffer
 from .convert import message_class
-from .limits import MAX_MIB, max_bytes
+from .limits import MAX_MIB, give_back_memory, max_bytes
 from .parameters import Own
 from .qos import profile
 from .stage import StageNode
@@ -48,9 +48,9 @@ class ClipStage(StageNode):
     Another clip begins with its camera_info; ~/reset forgets everything. How a clip ended is said on clip/done.
     """
 
-    def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool, listens: bool = True) -> None:
+    def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool, listens: bool = True, first_alone: bool = False) -> None:
         super().__init__(name, (MAX_MIB, *own), publishes)
-        self.buffer = ClipBuffer(max_bytes(self.parameters))
+        self.buffer = ClipBuffer(max_bytes(self.parameters), first_alone)
         self.masks, self.complete, self.pending, self.listens = masks, False, False, False
         self.outdated = False  # the job at work is of no use any more: nothing that it still says counts
         self.at_work: int | None = None  # the clip of the latest job
@@ -118,6 +118,7 @@ class ClipStage(StageNode):
         if isinstance(event.value, Assembled):
             if event.value.of == (self.buffer.id, self.buffer.opened_ns):
                 self.buffer.settle(event.value.clip)
+            give_back_memory()
         elif not self.outdated:
             super()._handle(event)
         elif event.kind != NEWS:
@@ -126,6 +127,7 @@ class ClipStage(StageNode):
 
     def on_idle(self) -> None:
         level = messages.OK if self.state == DONE else messages.ERROR if self.state == FAILED else messages.WARN
+        give_back_memory()
         self.end_with(self.at_work, level, self.state if self.state == DONE else self.reason)
         self._go_on()
 
@@ -147,7 +149,8 @@ class ClipStage(StageNode):
         """Drop the buffered clip; what a running job still says counts no more."""
         self.renew()
         self.outdated = self.worker.busy
-        self.buffer = ClipBuffer(self.buffer.max_bytes)
+        self.buffer = ClipBuffer(self.buffer.max_bytes, self.buffer.first_alone)
+        give_back_memory()
 
     def waiting_for(self) -> str:
         return self.buffer.missing(masks=self.masks) if self.listens and not self.complete else ""

@@ -26,7 +26,7 @@ from .clip_topics import Plain
 from .convert import message_class, stamp_ns
 from .dispatch import MOST_WAITING, Dispatch
 from .intake import DEPTH, PRESSED_DEPTH, Intake
-from .limits import MAX_FRAMES, MAX_MIB, bounded, max_bytes
+from .limits import MAX_FRAMES, MAX_MIB, bounded, give_back_memory, max_bytes
 from .parameters import Own, existing
 from .qos import RELIABILITY, latched, moving, profile, sensor
 from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
@@ -120,6 +120,7 @@ class IngestNode(StageNode):
         self._room.release()
 
     def on_done(self, sent: Sent) -> None:
+        give_back_memory()
         for note in sent.notes:
             self.get_logger().warning(note)
         self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+from contextlib import suppress
+
 from diffphys_ros.errors import InputError
 
 from .parameters import Own, Parameters
@@ -18,6 +21,12 @@ def bounded(parameters: Parameters, name: str, low: float, high: float) -> float
     if not low <= value <= high:
         raise InputError(f"parameter {name} is {value:g}, must be in {low:g} .. {high:g}; choose a value in this range")
     return value
+
+
+def give_back_memory() -> None:
+    """Return what was freed to the system: images of many sizes leave a heap that glibc keeps otherwise."""
+    with suppress(AttributeError, OSError):  # another C library has its own ways
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def max_bytes(parameters: Parameters) -> int:

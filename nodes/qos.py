@@ -8,7 +8,7 @@ from diffphys_ros.msg_schemas.topics import KEEP_ALL, Topic
 
 RELIABILITY = {"best_effort": ReliabilityPolicy.BEST_EFFORT, "reliable": ReliabilityPolicy.RELIABLE}
 SENSOR_DEPTH = 10
-RELIABLE_DEPTH = 300  # ten seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
+RELIABLE_DEPTH = 100  # three seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
 TREE_DEPTH = 20  # links of the camera's transform tree
 MOVING_DEPTH = 100  # messages of /tf, as tf2_ros has it
 

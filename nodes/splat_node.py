@@ -21,7 +21,7 @@ class SplatNode(ClipStage):
 
     def __init__(self) -> None:
         self.loss: float | None = None
-        super().__init__("splat_node", publishes=[SPLATS], masks=True)
+        super().__init__("splat_node", publishes=[SPLATS], masks=True, first_alone=True)
 
     def health(self) -> dict[str, Any]:
         return super().health() | {"loss": self.loss}

@@ -53,8 +53,9 @@ def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bo
     graph.start(*names)
     if "ingest_node" in names:
         graph.spin(lambda: len(graph.ears() - ears) >= 3, START_S)
-    sent = "ingest_node" not in names or "published a clip" in graph.said("ingest_node", marks["ingest_node"])
-    graph.spin(lambda: told.whole, CLIP_S if sent else GONE_S)  # what was in a killed ingest_node is gone
+    others = set(names) - {"ingest_node", "inspect_node"}
+    gone = "ingest_node" in names and (others or moment == "sent")  # with the images
+    graph.spin(lambda: told.whole, GONE_S if gone else CLIP_S)
     first = f"its own result after {time.monotonic() - began:.0f} s" if told.whole else "gone"
     waits = {name: WAITS.findall(graph.said(name, marks[name])) for name in NODES}
     after = graph.send(number + 1)
