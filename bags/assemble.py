@@ -13,6 +13,7 @@ from diffphys_ros.types import Camera, Clip
 
 MIN_FRAMES = 2
 MAX_LOST_SHARE = 0.5  # of the slots of the clock that may lack a frame
+APART = 0.1  # of a period between colour and depth, from which on it is said
 SEARCHED_PERIODS = (0.7, 1.2)  # as a share of the median step
 MOST_PIXELS = 400_000_000  # of a clip, frames x width x height: 1300 frames of 640x480. Recovering needs some 40 bytes a pixel
 MOST_FRAMES = 5_000
@@ -47,16 +48,19 @@ def check_extent(frames: int, pixels: int, source: str) -> None:
         )
 
 
-def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, notes: Sequence[str] = ()) -> Clip:
+def assemble(
+    images: Stamped, depths: Stamped, camera: Camera, source: str, *, notes: Sequence[str] = (), slop_s: float | None = None
+) -> Clip:
     """A Clip from stamped images.
 
     The clock is the straight line through the stamps: jitter is ignored, a slot without a frame repeats the frame before it with
-    `observed` false. Each frame takes the depth image nearest in time, if that is at most half a period away. Drift of the exposure is
+    `observed` false. Each frame takes the depth image nearest in time, if that is at most `slop_s` away. Drift of the exposure is
     taken off. What was done to the data is said in `Clip.notes`.
 
     Args:
         images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
         source: where the clip comes from; error messages name it. notes: put before the notes found here.
+        slop_s: longest time between a colour image and its depth image [s]; half a period where not given.
 
     Raises InputError for fewer than two frames, sizes that differ or are too large, stamps that are no clock, depth that holds nothing,
     and more than MOST_FRAMES or MOST_PIXELS.
@@ -79,7 +83,7 @@ def assemble(images: Stamped, depths: Stamped, camera: Camera, source: str, *, n
     observed &= ~stuck
     depth = None
     if len(depths):
-        depth, found = _paired(depths, stamps, slots, period, camera, source)
+        depth, found = _paired(depths, stamps, slots, camera, source, slop_s=period / 2 if slop_s is None else slop_s, period=period)
         notes += found
     return Clip(frames, int(stamps[0]), period, camera, depth, observed=observed, source=source, notes=tuple(notes))
 
@@ -130,7 +134,7 @@ def _likeliest_clock(seconds: np.ndarray, typical: float) -> tuple[float, float]
 
 
 def _paired(
-    depths: Stamped, stamps: np.ndarray, slots: np.ndarray, period: float, camera: Camera, source: str
+    depths: Stamped, stamps: np.ndarray, slots: np.ndarray, camera: Camera, source: str, *, slop_s: float, period: float
 ) -> tuple[np.ndarray, list[str]]:
     """Depth (T, H, W) [m] of every slot, and notes."""
     depths = sorted(_checked_sizes(depths, camera, source, "depth"), key=lambda item: item[0])
@@ -138,14 +142,31 @@ def _paired(
         raise InputError(f"{source}: the depth images hold no finite value above 0; set topics.depth to 'none' to go on without depth")
     times = np.array([stamp for stamp, _ in depths], np.int64)
     result = np.zeros((int(slots[-1]) + 1, camera.height, camera.width), np.float32)
-    missing = 0
-    for stamp, slot in zip(stamps, slots, strict=True):
-        nearest = int(np.abs(times - stamp).argmin())
-        if abs(times[nearest] - stamp) * 1e-9 <= period / 2:
-            result[slot] = depths[nearest][1]
-        else:
-            missing += 1
-    return result, [f"{missing} of {len(stamps)} frames have no depth image within half a period"] if missing else []
+    nearest = np.array([np.abs(times - stamp).argmin() for stamp in stamps])
+    apart = np.abs(times[nearest] - stamps) * 1e-9
+    for index, slot, distance in zip(nearest, slots, apart, strict=True):
+        if distance <= slop_s:
+            result[slot] = depths[index][1]
+    return result, said_of_pairs(apart, slop_s, period, source)
+
+
+def said_of_pairs(apart: np.ndarray, slop_s: float, period: float, source: str) -> list[str]:
+    """What is said of depth images that are missing, or not of the time of their colour image, by the time [s] from each of these to the
+    nearest. Raises InputError where all are missing."""
+    kept = apart[apart <= slop_s]
+    if not len(kept):
+        raise InputError(
+            f"{source}: no depth image lies within {1e3 * slop_s:.3g} ms of a colour image (sync.slop_s), the nearest is {1e3 * apart.min():.3g} ms away; "
+            "have the cameras synchronised, raise sync.slop_s, or set topics.depth to 'none'"
+        )
+    missing = len(apart) - len(kept)
+    notes = [f"{missing} of {len(apart)} frames have no depth image within {1e3 * slop_s:.3g} ms (sync.slop_s)"] if missing else []
+    if len(kept) and np.median(kept) > APART * period:
+        notes.append(
+            f"depth and colour are {1e3 * np.median(kept):.3g} ms apart (median of {len(kept)} pairs, at most {1e3 * kept.max():.3g} ms): depth is that of another moment; "
+            "have the cameras synchronised, or lower sync.slop_s"
+        )
+    return notes
 
 
 def _check_stamps(stamps: Sequence[int], source: str) -> None:
@@ -156,7 +177,7 @@ def _check_stamps(stamps: Sequence[int], source: str) -> None:
 def _checked_sizes(images: Stamped, camera: Camera, source: str, what: str) -> Stamped:
     for _, image in images:
         if image.shape[:2] != (camera.height, camera.width):
-            cure = "record depth registered to the colour camera, or set topics.depth to 'none'" if what == "depth" else "record one size"
+            cure = "record depth registered to the colour camera or with its own camera_info, or set topics.depth to 'none'" if what == "depth" else "record one size"
             raise InputError(
                 f"{source}: a {what} image has {image.shape[1]}x{image.shape[0]} px, must have the camera's {camera.width}x{camera.height} "
                 f"px; {cure}"

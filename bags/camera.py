@@ -1,9 +1,9 @@
-"""Cameras from camera_info or a field of view, undistortion, and poses from transform trees."""
+"""Cameras from camera_info or a field of view, undistortion, and transforms as matrices."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -15,12 +15,13 @@ from diffphys_ros.types import Camera
 ASSUMED_FOV_DEG = 50.0
 FOV_DEG = (0.1, 175.0)  # fields of view that a camera_info may state, horizontally and vertically
 MOST_OFFSET = 10.0  # of the principal point from the image's corner, in sizes of the image: a crop lies beside it
+ROTATION = 1e-3  # by which products of the rows of a rotation may be off
 SKEW = 1e-6  # of the focal length, up to which a skew is rounding
-COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), "equidistant": (4,)}  # numbers that a model may have
+EQUIDISTANT = "equidistant"
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (4, 5, 8, 12, 14), EQUIDISTANT: (4,)}  # numbers that a model may have
 LEAST_INSIDE = 0.5  # of the undistorted picture that must come from inside of the distorted one
 MOST_SIDE = 32766  # px: OpenCV counts the pixels of a map in 16 bits
 MOST_DISTANCE_M = 1e6  # of a camera from its world's origin; beyond, double precision no longer tells what a clip shows
-Edges = Mapping[str, tuple[str, np.ndarray]]  # child frame -> parent frame, parent_from_child (4, 4)
 
 
 def camera_from_info(
@@ -90,34 +91,42 @@ def camera_from_fov(
     return _camera(matrix, width, height, frame_id, world_from_camera, world_frame_id)
 
 
-def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Function that removes lens distortion from a colour or depth image and keeps k; None where there is no distortion.
+def undistorter(
+    k: ArrayLike, d: ArrayLike, model: str, width: int, height: int, *, turn: np.ndarray | None = None
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Function that removes lens distortion from a colour or depth image and keeps k; None where there is none to remove.
 
     Args:
-        model: distortion_model of camera_info: 'plumb_bob', 'rational_polynomial' or 'equidistant'.
+        model: distortion_model of camera_info: 'plumb_bob', 'rational_polynomial' or 'equidistant'. The last bends rays with
+            coefficients of 0 too.
+        turn: rotation (3, 3) from the camera as it stands to the one that is wanted, R of camera_info.
 
     Raises InputError for another model, a number of coefficients that the model does not have, and a distortion that no lens has.
     """
     coefficients = np.asarray(d, float).ravel()
-    if not coefficients.any():
+    straight = not coefficients.any() and not (model == EQUIDISTANT and coefficients.size)
+    if straight and turn is None:
         return None
     matrix, size = _intrinsics(k, d, width, height), (width, height)
     allowed = COEFFICIENTS.get(model or "rational_polynomial")
-    if allowed is None:
+    if straight:
+        model, coefficients = "plumb_bob", np.zeros(5)
+    elif allowed is None:
         raise InputError(
             f"camera_info has distortion_model '{named(model)}', must be plumb_bob, rational_polynomial or equidistant; record rectified images"
         )
-    if coefficients.size not in allowed:
+    elif coefficients.size not in allowed:
         raise InputError(
             f"camera_info has {coefficients.size} distortion coefficients for {model or 'no distortion_model'}, must be {listed(allowed)}; "
             "calibrate the camera, or record rectified images"
         )
     if max(size) > MOST_SIDE:
         raise InputError(f"camera_info has a distortion for images of {width}x{height} px, at most {MOST_SIDE} px a side can be undistorted; record smaller images")
-    if model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    turn = np.eye(3) if turn is None else _rotation(turn)
+    if model == EQUIDISTANT:
+        maps = cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, turn, matrix, size, cv2.CV_32FC1)
     else:
-        maps = cv2.initUndistortRectifyMap(matrix, coefficients, None, matrix, size, cv2.CV_32FC1)
+        maps = cv2.initUndistortRectifyMap(matrix, coefficients, turn, matrix, size, cv2.CV_32FC1)
     inside = (maps[0] >= 0) & (maps[0] <= width - 1) & (maps[1] >= 0) & (maps[1] <= height - 1)  # false for NaN
     if inside.mean() < LEAST_INSIDE:
         raise InputError(
@@ -131,6 +140,13 @@ def undistorter(k: ArrayLike, d: ArrayLike, model: str, width: int, height: int)
         return cv2.remap(image, *maps, how)
 
     return undistort
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    bounded = np.abs(turn).max() < 1 + ROTATION  # false for NaN
+    if not bounded or np.abs(turn @ turn.T - np.eye(3)).max() > ROTATION or np.linalg.det(turn) < 0:
+        raise InputError("camera_info has an R that is no rotation; calibrate the camera, or record rectified images")
+    return turn
 
 
 def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float]) -> np.ndarray:
@@ -152,26 +168,6 @@ def matrix_from_transform(translation: Sequence[float], rotation: Sequence[float
     matrix[:3, :3] += 2 * (w * axis + axis @ axis)
     matrix[:3, 3] = translation
     return matrix
-
-
-def pose_in_root(edges: Edges, frame_id: str) -> tuple[np.ndarray, str]:
-    """root_from_frame (4, 4) [m] and the root's name: the transforms from `frame_id` up to the end of its chain.
-
-    A frame without a parent is its own root. Raises InputError where the chain is a circle, or absurdly long.
-    """
-    pose, last, seen = np.eye(4), frame_id, {frame_id: None}
-    while last in edges:
-        parent, matrix = edges[last]
-        if parent in seen:
-            names = " <- ".join(named(name, 40) for name in [*list(seen)[:4], parent])
-            raise InputError(f"/tf_static: the transforms {names} form a circle; correct the publisher")
-        pose, last = matrix @ pose, parent
-        seen[parent] = None
-    if not np.abs(pose).max() < MOST_DISTANCE_M:
-        raise InputError(
-            f"/tf_static: {named(frame_id)} lies {np.abs(pose).max():.3g} m from {named(last)}, must be nearer than {MOST_DISTANCE_M:g} m; correct the publisher"
-        )
-    return pose, last
 
 
 def _camera(

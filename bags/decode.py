@@ -10,13 +10,12 @@ import struct
 import cv2
 import numpy as np
 
+from diffphys_ros.bags.compressed_depth import HEADER, dequantised, is_compressed_depth, is_rvl, rvl_size, rvl_values
+from diffphys_ros.bags.encodings import BOTH, check_size, colour_of, eight_bits, is_depth, kind_of, metres, row_bytes
 from diffphys_ros.errors import InputError, short
 
-MM = np.float32(1e-3)  # unit of 16-bit depth images (REP-118)
-DEPTH = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
-CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "8UC4": 4, "mono8": 1, "8UC1": 1}
-RGB_ORDER = {"rgb8": [0, 1, 2], "rgba8": [0, 1, 2], "mono8": [0, 0, 0], "8UC1": [0, 0, 0]}  # the others are BGR, as OpenCV stores them
-INVERSE_DEPTH_HEADER = struct.Struct("<iff")  # of compressed_depth_image_transport: format, then the quantisation's two numbers
+__all__ = ["MAX_PIXELS", "check_image", "declared_size", "decode_compressed", "decode_image", "is_depth"]
+
 PNG_MAGIC, JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers that carry the picture's size
 JPEG_BARE = {0x01, *range(0xD0, 0xD9)}  # markers without a length
@@ -25,30 +24,27 @@ MAX_SCANS = 100  # of a JPEG; a progressive one has about ten, and each is a pas
 MAX_PIXELS = 2**25  # of an image: those of 8K video, 7680 x 4320
 
 
-def is_depth(encoding: str) -> bool | None:
-    """Whether images of an `encoding` of sensor_msgs/Image hold depth; None where the encoding is unknown."""
-    if encoding in DEPTH:
-        return True
-    return False if encoding in CHANNELS else None
-
-
-def decode_image(encoding: str, height: int, width: int, step: int, is_bigendian: bool | int, data: bytes | np.ndarray) -> np.ndarray:
-    """RGB (H, W, 3) uint8 or depth [m] (H, W) float32 of the fields of a sensor_msgs/Image.
+def decode_image(
+    encoding: str, height: int, width: int, step: int, is_bigendian: bool | int, data: bytes | np.ndarray, *, colour: bool = False
+) -> np.ndarray:
+    """RGB (H, W, 3) uint8 or depth [m] (H, W) float32 of the fields of a sensor_msgs/Image; mono16 is depth unless `colour` is wanted.
 
     Raises InputError for an unknown encoding, for more than MAX_PIXELS and where `data` holds less than `height` rows of `step` bytes.
     """
     check_image(encoding, height, width, step, len(data))
     raw, used = np.frombuffer(data, np.uint8), row_bytes(encoding, width)
     rows = np.ndarray((height, used), np.uint8, raw, strides=(step or used, 1))  # no padding is read: the last row may lack it
-    if is_depth(encoding):
-        return metres(np.ascontiguousarray(rows).view(np.dtype(DEPTH[encoding]).newbyteorder(">" if is_bigendian else "<")))
-    return rows.reshape(height, width, -1)[..., RGB_ORDER.get(encoding, [2, 1, 0])]
+    values = np.ascontiguousarray(rows).view(kind_of(encoding, bigendian=bool(is_bigendian)))
+    values = values.astype(values.dtype.newbyteorder("="), copy=False).reshape(height, width, -1)
+    if is_depth(encoding) and not (colour and encoding in BOTH):
+        return metres(values[..., 0])
+    return colour_of(encoding, values)
 
 
 def check_image(encoding: str, height: int, width: int, step: int, size: int) -> None:
     """Raises InputError where `size` bytes are no image of these fields; reads and allocates nothing."""
     if is_depth(encoding) is None:
-        raise InputError(f"image encoding {short(encoding)} is unknown; convert to one of {', '.join([*CHANNELS, *DEPTH])}")
+        raise InputError(f"image encoding {short(encoding)} is unknown; convert to rgb8, bgr8, mono8, yuv422, a Bayer pattern such as bayer_rggb8, 16UC1 or 32FC1")
     if height <= 0 or width <= 0:
         raise InputError(f"an image has {width}x{height} px, must have some; leave empty images out")
     if height * width > MAX_PIXELS:
@@ -56,25 +52,24 @@ def check_image(encoding: str, height: int, width: int, step: int, size: int) ->
     used = row_bytes(encoding, width)
     if 0 < step < used or size < (step or used) * (height - 1) + used:
         raise InputError(f"an image holds {size} bytes, its {height} rows of {used} bytes (step {step}) need more; have its sender fill in step and data")
+    check_size(encoding, width, height)
 
 
-def row_bytes(encoding: str, width: int) -> int:
-    """Bytes of a row without padding."""
-    return width * CHANNELS.get(encoding, 1) * np.dtype(DEPTH.get(encoding, np.uint8)).itemsize
-
-
-def decode_compressed(format: str, data: bytes | np.ndarray) -> np.ndarray:
+def decode_compressed(format: str, data: bytes | np.ndarray, *, colour: bool = False) -> np.ndarray:
     """RGB (H, W, 3) uint8 or depth [m] (H, W) float32 of the fields of a sensor_msgs/CompressedImage.
 
     `format` is 'jpeg', 'png', 'rgb8; jpeg compressed bgr8', '16UC1; compressedDepth png' and the like. A single-channel 16-bit
-    picture is depth in mm. Raises InputError where the data is no PNG or JPEG, or one of more than MAX_PIXELS.
+    picture is depth in mm, or grey where `colour` is wanted. Raises InputError where the data is no PNG, JPEG or RVL, or one of more
+    than MAX_PIXELS.
     """
     raw = bytes(data)
-    if "compressedDepth" in format:
+    if is_compressed_depth(format):
         return _decode_compressed_depth(format, raw)
     picture = _picture(format, raw)
     if picture.dtype == np.uint16 and picture.ndim == 2:
-        return metres(picture)
+        if not colour:
+            return metres(picture)
+        picture = eight_bits(picture)
     if picture.dtype != np.uint8:
         raise InputError(f"compressed image with format {short(format)} holds {picture.dtype} colour; 8 bits a channel are needed, encode it so")
     if picture.ndim == 2:
@@ -84,9 +79,12 @@ def decode_compressed(format: str, data: bytes | np.ndarray) -> np.ndarray:
 
 
 def declared_size(format: str, data: bytes | np.ndarray) -> tuple[int, int]:
-    """Width and height [px] that a compressed picture declares; decodes nothing. Raises InputError where it is no PNG or JPEG, or too large."""
+    """Width and height [px] that a compressed picture declares; decodes nothing. Raises InputError where it is none, or too large."""
     raw = bytes(data)
-    size = _png_size(raw) if raw.startswith(PNG_MAGIC) else _jpeg_size(raw) if raw.startswith(JPEG_MAGIC) else None
+    if is_compressed_depth(format):
+        size = rvl_size(format, raw) if is_rvl(format) else _picture_size(_after_header(format, raw))
+    else:
+        size = _picture_size(raw)
     if size is None or not size[0] * size[1]:
         raise InputError(_no_picture(format))
     if size[0] * size[1] > MAX_PIXELS:
@@ -96,16 +94,14 @@ def declared_size(format: str, data: bytes | np.ndarray) -> tuple[int, int]:
     return size
 
 
-def metres(depth: np.ndarray) -> np.ndarray:
-    """Depth [m] as float32, 0 where unknown, of 16-bit millimetres or of metres with NaN or infinity where unknown."""
-    if depth.dtype.kind == "u":
-        return depth.astype(np.float32) * MM
-    depth = depth.astype(np.float32)
-    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+def _picture_size(raw: bytes) -> tuple[int, int] | None:
+    """Width and height that a PNG or JPEG declares; None where it is neither."""
+    return _png_size(raw) if raw.startswith(PNG_MAGIC) else _jpeg_size(raw) if raw.startswith(JPEG_MAGIC) else None
 
 
 def _picture(format: str, raw: bytes) -> np.ndarray:
-    declared_size(format, raw)
+    """What OpenCV makes of a PNG or JPEG, whatever transport it comes from."""
+    declared_size("" if is_compressed_depth(format) else format, raw)
     try:
         picture = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
@@ -140,16 +136,21 @@ def _jpeg_size(raw: bytes) -> tuple[int, int] | None:
 
 
 def _decode_compressed_depth(format: str, raw: bytes) -> np.ndarray:
-    start = raw.find(PNG_MAGIC)
-    if start < 0:
-        raise InputError(f"depth image with format {short(format)} holds no PNG; set the transport's compressedDepth format to png")
-    picture = _picture(format, raw[start:])
+    picture = _rvl(format, raw) if is_rvl(format) else _picture(format, _after_header(format, raw))
     if picture.dtype != np.uint16 or picture.ndim != 2:
         raise InputError(f"depth image with format {short(format)} holds a PNG of colours, must be one channel of 16 bits; record raw 32FC1 or 16UC1 images")
-    if not format.strip().startswith("32FC1"):
-        return metres(picture)
-    if start < INVERSE_DEPTH_HEADER.size:
-        raise InputError(f"depth image with format {short(format)} lacks its quantisation header; record raw 32FC1 or 16UC1 images")
-    _, a, b = INVERSE_DEPTH_HEADER.unpack_from(raw)
-    with np.errstate(all="ignore"):  # what is no number is unknown depth
-        return metres(np.where(picture > 0, np.float32(a) / (picture.astype(np.float32) - np.float32(b)), 0))
+    return metres(dequantised(format, raw, picture) if format.strip().startswith("32FC1") else picture)
+
+
+def _rvl(format: str, raw: bytes) -> np.ndarray:
+    declared_size(format, raw)
+    return rvl_values(format, raw)
+
+
+def _after_header(format: str, raw: bytes) -> bytes:
+    """The PNG behind the transport's header."""
+    if not raw.startswith(PNG_MAGIC, HEADER.size):
+        raise InputError(
+            f"depth image with format {short(format)} holds no PNG behind a header of {HEADER.size} bytes; set the transport's compressedDepth format to png or rvl"
+        )
+    return raw[HEADER.size :]

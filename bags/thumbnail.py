@@ -7,8 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.decode import CHANNELS, row_bytes
+from diffphys_ros.bags.encodings import CHANNELS, eight_bits, kind_of, row_bytes
 
+BRIGHT_FIRST = ("yuyv", "yuv422_yuy2")  # Y U Y V
 SIDE_PX = 80  # longest side of a thumbnail
 
 
@@ -23,10 +24,13 @@ def thumbnail(message: Any) -> np.ndarray | None:
 
 
 def _raw(message: Any) -> np.ndarray:
-    used = row_bytes(message.encoding, message.width)
+    used, kind = row_bytes(message.encoding, message.width), kind_of(message.encoding, bigendian=bool(message.is_bigendian))
     rows = np.ndarray((message.height, used), np.uint8, message.data, strides=(message.step or used, 1))
+    if kind.itemsize > 1:
+        return eight_bits(np.ascontiguousarray(rows).view(kind))
     channels = CHANNELS[message.encoding]
-    return np.ascontiguousarray(rows[:, 1::channels] if channels > 1 else rows)  # green, in either order
+    bright = 0 if channels == 1 or message.encoding in BRIGHT_FIRST else 1  # green, in either order, or Y
+    return np.ascontiguousarray(rows[:, bright::channels])
 
 
 def _compressed(message: Any) -> np.ndarray | None:

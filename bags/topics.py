@@ -10,6 +10,7 @@ from diffphys_ros.config import Topics
 from diffphys_ros.errors import InputError, listed, named
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+IMU = "sensor_msgs/msg/Imu"
 NONE = "none"  # setting that leaves a topic out
 
 
@@ -23,15 +24,33 @@ def choose_topics(bag: Bag, wanted: Topics, source: str) -> tuple[str, str | Non
         next(bag.messages([topic]), None)  # says what is wrong
     encodings = {t: e for t in image_topics(bag) if t != wanted.mask and (e := _encoding(bag, t)) is not None}
     colour = [t for t, e in encodings.items() if e == "colour"]
-    depth = [t for t, e in encodings.items() if e == "depth"]
+    depth = [t for t, e in encodings.items() if e == "depth" and t != wanted.image]
     infos = [t for t, kind in bag.types.items() if kind == INFO and bag.first(t) is not None]
     image = _pick(bag, wanted.image, colour, list(encodings), "image", source)
     if image is None:
         unknown = [f"{t} ({e})" for t, e in encodings.items() if e not in ("colour", "depth")]
         seen = f"image topics of unknown encoding: {listed(unknown, 3)}" if unknown else f"topics: {listed(sorted(bag.types), 4) or 'none'}"
-        raise InputError(f"{source}: no colour images found ({seen}); record sensor_msgs/Image or CompressedImage with rgb8, bgr8 or mono8")
+        raise InputError(f"{source}: no colour images found ({seen}); record sensor_msgs/Image or CompressedImage with rgb8, bgr8, yuv422 or a Bayer pattern")
     depth_topic = None if wanted.depth == NONE else _pick(bag, wanted.depth, depth, list(encodings), "depth", source)
-    return image, depth_topic, _pick(bag, wanted.camera_info, _siblings(infos, image), infos, "camera_info", source)
+    of_depth = {info for topic in depth if (info := depth_info(bag, topic, image))}
+    found = _siblings([t for t in infos if t not in of_depth], image)
+    return image, depth_topic, _pick(bag, wanted.camera_info, found, infos, "camera_info", source)
+
+
+def depth_info(bag: Bag, depth: str | None, image: str) -> str | None:
+    """The camera_info beside the depth images, where it is not that of the colour images; None where there is none."""
+    if depth is None or namespace(depth) == namespace(image):
+        return None
+    infos = [t for t, kind in bag.types.items() if kind == INFO and namespace(t) == namespace(depth) and bag.first(t) is not None]
+    return infos[0] if len(infos) == 1 else None
+
+
+def choose_imu(bag: Bag, wanted: Topics, source: str) -> str | None:
+    """The topic of an IMU; None where there is none, several, or none is wanted. Raises InputError where a named one is missing."""
+    found = [topic for topic, kind in bag.types.items() if kind == IMU]
+    if wanted.imu in (None, NONE):
+        return found[0] if len(found) == 1 and wanted.imu is None else None
+    return _pick(bag, wanted.imu, found, found, "imu", source)
 
 
 def image_topics(bag: Bag) -> list[str]:

@@ -14,8 +14,9 @@ from diffphys_ros.bags.assemble import Bounded, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
 from diffphys_ros.bags.storage import existing
+from diffphys_ros.bags.world import told_of_world
 from diffphys_ros.config import Settings
-from diffphys_ros.errors import InputError, named, shown
+from diffphys_ros.errors import InputError, listed, named, shown
 from diffphys_ros.types import Clip
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -32,7 +33,7 @@ def read_video(path: Path, settings: Settings) -> Clip:
     low, high = FRAME_RATES
     if not low <= fps <= high:
         raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
-    clip = _clip(video_frames(path), fps, settings.camera.fov_deg, shown(path))
+    clip = _clip(video_frames(path), fps, settings, shown(path))
     announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
     if len(clip) >= LEAST_DECODED * announced:
         return clip
@@ -90,7 +91,7 @@ def read_images(path: Path, settings: Settings) -> Clip:
     if settings.camera.fps is None:
         raise InputError(f"{shown(path)}: images in a folder state no frame rate; set camera.fps")
     check_extent(len(files), 0, shown(path))
-    return _clip(map(read_image, files), settings.camera.fps, settings.camera.fov_deg, shown(path))
+    return _clip(map(read_image, files), settings.camera.fps, settings, shown(path))
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -126,8 +127,11 @@ def read_image(path: Path) -> np.ndarray:
     return image
 
 
-def _clip(frames: Iterable[np.ndarray], fps: float, fov_deg: float | None, source: str) -> Clip:
+def _clip(frames: Iterable[np.ndarray], fps: float, settings: Settings, source: str) -> Clip:
+    fov_deg, told = settings.camera.fov_deg, told_of_world(settings.scene)
     notes = [] if fov_deg else [f"no field of view was given: {ASSUMED_FOV_DEG:g} degrees are assumed (camera.fov_deg)"]
+    if told and not settings.scene.target_frame:
+        notes.append(f"pictures carry no transforms: {listed(told, 4)} is taken in the camera's own frame, x right, y down, z forward")
     images = Bounded(source)
     for k, frame in enumerate(frames):
         images.add(round(k * 1e9 / fps), frame)

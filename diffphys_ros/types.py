@@ -97,6 +97,7 @@ class Clip:
     notes: tuple[str, ...] = ()  # what was assumed while reading, one sentence each
     first_labels: np.ndarray | None = None  # frame 0 as a mask topic labels it, or 0 and 255 for background and object; uint8 (H, W)
     thickness: Thickness | None = None  # measured; what a person tells goes before it
+    gravity: np.ndarray | None = None  # measured, world [m/s^2], shape (3,); what a person tells goes before it
 
     def __len__(self) -> int:
         return len(self.frames)

@@ -90,6 +90,12 @@ def static_tree(nanoseconds: int, camera: Camera) -> dict[str, Any]:
     return {"transforms": [camera_pose(nanoseconds, replace(camera, world_from_camera=pose, world_frame_id=VIEWERS_WORLD))]}
 
 
+def gravity(nanoseconds: int, camera: Camera, measured: np.ndarray | None) -> dict[str, Any]:
+    """geometry_msgs/Vector3Stamped of a measured gravity [m/s^2] (3,) in the world; zeros without one."""
+    x, y, z = (0.0, 0.0, 0.0) if measured is None else map(float, measured)
+    return {"header": header(nanoseconds, world_frame(camera)), "vector": {"x": x, "y": y, "z": z}}
+
+
 def camera_path(stamps: Iterable[int], camera: Camera) -> dict[str, Any]:
     """nav_msgs/Path: where the camera was at every stamp [ns]; the header has the first one."""
     pose = camera_pose(0, camera)["transform"]

@@ -11,6 +11,7 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -51,6 +52,7 @@ TOPICS = _table(
     Topic("clip/camera_info", CAMERA_INFO, "camera", "px", "opens a clip; intrinsics of the (undistorted) frames"),
     Topic("clip/depth", IMAGE, "camera", "m (32FC1), 0 unknown", "depth along the optical axis, stamps of clip/image", depth=KEEP_ALL),
     Topic("clip/camera_pose", TRANSFORM, "world", "m", "camera in the root of its transform tree"),
+    Topic("clip/gravity", VECTOR, "world", "m/s^2", "gravity as an IMU or scene.target_frame tells it; 0 0 0 where neither does"),
     Topic("clip/first_mask", IMAGE, "camera", "mono8 labels", "what a mask topic says the object in frame 0 is; empty where there is none"),
     Topic("clip/mask", IMAGE, "camera", "mono8 labels", "0 background, 1..n parts (1 at the clamp), 255 ignore", depth=KEEP_ALL),
     Topic("clip/end", PATH, "world", "m", "completes a clip: one pose of the camera for every clip/image, with the image's stamp"),

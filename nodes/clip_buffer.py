@@ -12,16 +12,16 @@ from diffphys_ros.bags.assemble import assemble
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 
-from .clip_checks import array_of, camera_of, check, labels_of, stamps_of
+from .clip_checks import array_of, camera_of, check, gravity_of, labels_of, stamps_of
 from .clip_topics import stamps_of_slots
 from .convert import stamp_ns
 from .limits import MAX_FRAMES, MAX_MIB, MIB
 
 SOURCE = "topics clip/*"
-INFO, POSE, FIRST_MASK, END, MASK = "clip/camera_info", "clip/camera_pose", "clip/first_mask", "clip/end", "clip/mask"
+INFO, POSE, GRAVITY, FIRST_MASK, END, MASK = "clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/end", "clip/mask"
 IMAGE, DEPTH = "clip/image", "clip/depth"
 OVERFULL = f"{INFO} of another clip, for this one was too large"
-MOST_SINGLES = 12  # messages kept of topics that have one per clip: those of the clips before and after may come in any order
+MOST_SINGLES = 16  # messages kept of topics that have one per clip: those of the clips before and after may come in any order
 
 
 @dataclass
@@ -95,7 +95,7 @@ class ClipBuffer:
         frames = len(self._frames())
         if self.whole is None and frames < len(self.announced):
             return f"{IMAGE} (all {len(self.announced)} that {END} announced, of {self.info.width}x{self.info.height} px; {frames} came)"
-        for topic in (POSE, FIRST_MASK):
+        for topic in (POSE, GRAVITY, FIRST_MASK):
             if self.single(topic) is None:
                 return topic
         if self.whole is None and not self._without_depth and any(stamp not in self.depths for stamp in self.announced):
@@ -125,7 +125,8 @@ class ClipBuffer:
         frames, first = self._frames(), self.announced[0]
         depths = [] if self._without_depth else [(s, array_of(m)) for s, m in self.depths.items() if s in frames and m.data]
         images = [(s, array_of(frames[first] if self.first_alone else m)) for s, m in list(frames.items())[: 2 if self.first_alone else None]]
-        clip = assemble(images, depths, camera_of(self.info, self.single(POSE)), SOURCE)
+        camera = camera_of(self.info, self.single(POSE))
+        clip = replace(assemble(images, depths, camera, SOURCE), gravity=gravity_of(self.single(GRAVITY)))
         first_mask = self.single(FIRST_MASK)
         if first_mask.height:
             clip = replace(clip, first_labels=labels_of(first_mask, FIRST_MASK))

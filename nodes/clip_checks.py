@@ -8,15 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from diffphys_ros.bags.camera import camera_from_info, pose_in_root
-from diffphys_ros.bags.decode import check_image, decode_image, is_depth, metres
-from diffphys_ros.bags.read import decoded, edge
+from diffphys_ros.bags.camera import camera_from_info
+from diffphys_ros.bags.decode import check_image, decode_image, is_depth
+from diffphys_ros.bags.encodings import may_be_colour, metres
+from diffphys_ros.bags.read import decoded
+from diffphys_ros.bags.transforms import HELD, Transforms, pose_of
+from diffphys_ros.bags.world import require_world
+from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError, short
-from diffphys_ros.types import Camera
+from diffphys_ros.types import Camera, Clip
 
 from .convert import stamp_ns
 from .limits import MAX_FRAMES
 
+MOST_GRAVITY_M_S2 = 100.0
 LABEL_ENCODINGS = ("mono8", "8UC1")
 
 
@@ -28,7 +33,7 @@ def check(topic: str, message: Any) -> None:
 def check_colour(message: Any, topic: str) -> None:
     """Raises InputError where a sensor_msgs/Image is no colour image."""
     _check(message, topic)
-    if is_depth(message.encoding):
+    if not may_be_colour(message.encoding):
         raise InputError(f"topic {topic}: encoding is {short(message.encoding)}, must be a colour such as rgb8; publish colour images")
 
 
@@ -55,7 +60,7 @@ def labels_of(message: Any, topic: str) -> np.ndarray:
 def colour_of(message: Any, topic: str) -> np.ndarray:
     """RGB uint8 (H, W, 3) of a sensor_msgs/Image. Raises InputError, naming the topic, where it is none."""
     check_colour(message, topic)
-    return decoded(message, "topics", topic)
+    return decoded(message, "topics", topic, colour=True)
 
 
 def array_of(message: Any) -> np.ndarray:
@@ -71,9 +76,23 @@ def array_of(message: Any) -> np.ndarray:
 def camera_of(info: Any, pose: Any) -> Camera:
     """The camera of clip/camera_info and clip/camera_pose. Raises InputError where they make none."""
     frame_id = info.header.frame_id
-    child, (parent, matrix) = edge(pose)
-    known, root = pose_in_root({} if child == parent else {child: (parent, matrix)}, frame_id)
-    return camera_from_info(info.k, info.d, info.width, info.height, frame_id, known, root)
+    known = Transforms()
+    if pose.child_frame_id != pose.header.frame_id:
+        known.add(pose, HELD)
+    root = known.root(frame_id)
+    return camera_from_info(info.k, info.d, info.width, info.height, frame_id, known.between(root, frame_id), root)
+
+
+def in_world(clip: Clip, settings: Settings) -> Clip:
+    """The clip, where it is in the world that the settings speak of. Raises InputError where it is in another."""
+    require_world(clip.camera, settings.scene, clip.source)
+    return clip
+
+
+def gravity_of(message: Any) -> np.ndarray | None:
+    """Gravity [m/s^2] (3,) of clip/gravity; None where it is not known."""
+    vector = np.array([message.vector.x, message.vector.y, message.vector.z])
+    return vector if vector.any() else None
 
 
 def stamps_of(end: Any) -> tuple[int, ...]:
@@ -88,6 +107,12 @@ def _check(message: Any, topic: str, *, empty: bool = False) -> None:
         check_image(message.encoding, message.height, message.width, message.step, len(message.data))
     except InputError as error:
         raise InputError(f"topic {topic}: {error}") from error
+
+
+def _check_frame(message: Any, topic: str) -> None:
+    check_colour(message, topic)
+    if is_depth(message.encoding):
+        raise InputError(f"topic {topic}: encoding is {short(message.encoding)}, must be rgb8; publish what ingest_node publishes")
 
 
 def _check_first_mask(message: Any, topic: str) -> None:
@@ -106,9 +131,15 @@ def _check_info(message: Any, topic: str) -> None:
 
 def _check_pose(message: Any, topic: str) -> None:
     try:
-        edge(message)
+        pose_of(message)
     except InputError as error:
         raise InputError(f"topic {topic}: {error}") from error
+
+
+def _check_gravity(message: Any, topic: str) -> None:
+    vector = gravity_of(message)
+    if vector is not None and not np.abs(vector).max() <= MOST_GRAVITY_M_S2:  # false for NaN
+        raise InputError(f"topic {topic}: is {vector.tolist()} m/s^2, must be within {MOST_GRAVITY_M_S2:g}; publish 0 0 0 where it is not known")
 
 
 def _check_end(message: Any, topic: str) -> None:
@@ -122,8 +153,9 @@ def _check_end(message: Any, topic: str) -> None:
 _CHECKS: dict[str, Callable[[Any, str], None]] = {
     "clip/camera_info": _check_info,
     "clip/camera_pose": _check_pose,
+    "clip/gravity": _check_gravity,
     "clip/first_mask": _check_first_mask,
-    "clip/image": check_colour,
+    "clip/image": _check_frame,
     "clip/depth": check_depth,
     "clip/mask": check_labels,
     "clip/end": _check_end,

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.types import Clip
 
-from .clip_buffer import DEPTH, END, FIRST_MASK, IMAGE, INFO, MASK, POSE, ClipBuffer
+from .clip_buffer import DEPTH, END, FIRST_MASK, GRAVITY, IMAGE, INFO, MASK, POSE, ClipBuffer
 from .convert import message_class
 from .limits import MAX_MIB, max_bytes
 from .memory import give_back
@@ -21,7 +21,7 @@ from .qos import profile
 from .stage import StageNode
 from .worker import DONE, FAILED, NEWS, Event, Job
 
-CLIP = (INFO, POSE, FIRST_MASK, IMAGE, DEPTH, END)
+CLIP = (INFO, POSE, GRAVITY, FIRST_MASK, IMAGE, DEPTH, END)
 CLIP_DONE = "clip/done"
 
 

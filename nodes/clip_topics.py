@@ -21,13 +21,15 @@ Plain = tuple[str, dict[str, Any]]  # topic, fields
 def clip_messages(clip: Clip, stamps: np.ndarray, pose: dict[str, Any] | None = None) -> Iterator[Plain]:
     """The messages of a clip; `stamps` (T,) [ns] as of slot_stamps, `pose` a TransformStamped where one was received."""
     seen = np.flatnonzero(clip.seen)
-    yield from opening(clip.camera, int(stamps[0]), clip.first_labels, pose)
+    yield from opening(clip.camera, int(stamps[0]), clip.first_labels, pose, clip.gravity)
     for k in seen:
         yield from frame(clip.camera, int(stamps[k]), clip.frames[k], None if clip.depth is None else clip.depth[k])
     yield from ending(clip.camera, [int(stamps[k]) for k in seen], with_depth=clip.depth is not None)
 
 
-def opening(camera: Camera, first_ns: int, first_labels: np.ndarray | None, pose: dict[str, Any] | None = None) -> Iterator[Plain]:
+def opening(
+    camera: Camera, first_ns: int, first_labels: np.ndarray | None, pose: dict[str, Any] | None = None, gravity: np.ndarray | None = None
+) -> Iterator[Plain]:
     """What is said of a clip before its frames. All of it carries the stamp of the first image, by which a clip is known.
 
     A clip without a mask topic has an empty first mask, so that a listener need not guess whether one is to come.
@@ -36,6 +38,7 @@ def opening(camera: Camera, first_ns: int, first_labels: np.ndarray | None, pose
     yield "clip/camera_info", messages.camera_info(head, camera)
     link = pose or messages.camera_pose(first_ns, camera)
     yield "clip/camera_pose", link | {"header": messages.header(first_ns, link["header"]["frame_id"])}
+    yield "clip/gravity", messages.gravity(first_ns, camera, gravity)
     yield "clip/first_mask", messages.no_image(head) if first_labels is None else messages.image(head, first_labels, "mono8")
 
 

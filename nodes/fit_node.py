@@ -25,6 +25,7 @@ from diffphys_ros.types import Splats
 
 from .child import steps
 from .clip_buffer import ClipBuffer
+from .clip_checks import in_world
 from .clip_stage import ClipStage, assembled
 from .convert import message_class, stamp_ns, to_ros
 from .fit_job import OUT_FLAG, recover
@@ -284,10 +285,10 @@ def _equal(a: Gaussians, b: Gaussians) -> bool:
     return a.labels_crc == b.labels_crc and np.array_equal(to_raw(a.splats), to_raw(b.splats))
 
 
-def _elsewhere(source: ClipBuffer | Path, splats: Any, *rest: Any) -> Steps:
+def _elsewhere(source: ClipBuffer | Path, splats: Any, settings: config.Settings, *rest: Any) -> Steps:
     """The fit in a process of its own; what it publishes becomes messages here, beside the node's thread."""
-    clip = source if isinstance(source, Path) else (yield from assembled(source))
-    fit = steps(recover, clip, splats, *rest)
+    clip = source if isinstance(source, Path) else in_world((yield from assembled(source)), settings)
+    fit = steps(recover, clip, splats, settings, *rest)
     del source, clip
     with closing(fit):
         while True:

@@ -11,25 +11,29 @@ from typing import Any
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from std_srvs.srv import SetBool, Trigger
 
+from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.bags.transforms import MOVING, STATIC
+from diffphys_ros.bags.world import NotYetError
 from diffphys_ros.errors import InputError, shown
-from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.msg_schemas import TOPICS
 
+from .beside import COLOUR_INFO, DEPTH_INFO, IMU, POSE, Beside
 from .clip_buffer import INFO
-from .clip_out import Sent, messages_of, messages_of_clip
+from .clip_out import Sent, messages_of, messages_of_clip, ready
 from .clip_stage import CLIP, CLIP_DONE
 from .clip_topics import Plain
 from .convert import message_class, stamp_ns
 from .dispatch import MOST_WAITING, Dispatch
-from .intake import Intake
+from .intake import DEPTH, PRESSED_DEPTH, Intake
 from .limits import MAX_FRAMES, MAX_MIB, max_bytes
 from .memory import give_back
 from .parameters import Own, existing
 from .player import Part, Player, inputs, static_links
-from .qos import RELIABILITY, latched, profile, sensor
+from .qos import RELIABILITY, latched, moving, profile, sensor
 from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import FAILED, Job
@@ -47,11 +51,13 @@ OWN = (
     Own("clip.trigger", ALWAYS, "what opens a clip: always, the first image; manual, ~/record; motion, what moves", (ALWAYS, MANUAL, MOTION)),
     Own("clip.seconds", 10.0, "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]", low=0.1, high=600.0),
     Own("silence_s", 2.0, "a clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
+    Own("patience_s", 10.0, "how long a clip that has ended waits for the transform that it lacks [s]", low=0.0, high=MAX_SILENCE_S),
     Own("max_frames", 1200, "a clip ends after this many images", low=2, high=MAX_FRAMES),
     MAX_MIB._replace(doc="most that is kept of images [MiB]: half of it for what comes in and waits, half for the clip that is out; 218 frames of 640x480 px with depth"),
 )
 MOST_IN_HAND = 16  # messages of a clip between the thread that decodes them and the one that publishes
 LOOK_S = 0.1
+IMAGE, PRESSED, MASK = "image", "image/compressed", "mask"
 
 
 class IngestNode(StageNode):
@@ -63,8 +69,11 @@ class IngestNode(StageNode):
         super().__init__("ingest_node", OWN, CLIP)
 
     def configure(self) -> None:
-        self.silence_s = self.parameters["silence_s"]
-        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters) // 2)
+        self.silence_s, self.patience_s = self.parameters["silence_s"], self.parameters["patience_s"]
+        names = (IMAGE, PRESSED, DEPTH, PRESSED_DEPTH, MASK, COLOUR_INFO, DEPTH_INFO, POSE, IMU)
+        beside = Beside({name: self.resolve_topic_name(name) for name in names})
+        self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters) // 2, beside)
+        self.lacking = ""  # what the clip that is next waits for
         self.recorder = Recorder(self.intake, self.parameters["clip.trigger"], self.parameters["clip.seconds"], self._on_closed, self._doubt)
         self.dispatch = Dispatch()
         self.collected = self.ignored = 0  # images taken, and of another topic
@@ -93,16 +102,21 @@ class IngestNode(StageNode):
         """Whether the clip is that of a bag that is read at once."""
         return bool(self.parameters["bag"]) and not self.parameters["rate"]
 
+    @property
+    def beside(self) -> Beside:
+        """What is heard beside the images."""
+        return self.intake.beside
+
     def waiting_for(self) -> str:
         if self.reading or self.worker.busy:
-            return ""
+            return self.lacking
         held_up_by = self.dispatch.held_up_by(self._stages()) if self.dispatch.waiting else []
         if held_up_by:
             return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
         if not self.intake.images and not self.dispatch.waiting:
-            return "image or image/compressed"
+            return f"{self.beside.name(IMAGE)} or {self.beside.name(PRESSED)}"
         if self._camera_missing():
-            return "camera_info"
+            return self.beside.name(COLOUR_INFO)
         return "the end of the clip" if self.recorder.recording else ""
 
     def health(self) -> dict[str, Any]:
@@ -112,11 +126,16 @@ class IngestNode(StageNode):
     def doubtful(self) -> bool:
         return bool(self.recorder.recording and self.recorder.warning())
 
-    def on_news(self, plain: Plain | None) -> None:
-        """A message of a clip that is ready."""
-        if plain is None:
+    def on_news(self, news: Plain | str | None) -> None:
+        """A message of a clip that is ready, or what it still lacks."""
+        if news is None:
             return
-        topic, fields = plain
+        if isinstance(news, str):
+            self.lacking = news
+            self.get_logger().warning(f"{news}; waiting for it for {self.patience_s:g} s")
+            return
+        self.lacking = ""
+        topic, fields = news
         if topic == INFO:
             self.advertise(*CLIP)  # of the clip before nothing is latched any more
             stamp = fields["header"]["stamp"]
@@ -132,18 +151,21 @@ class IngestNode(StageNode):
 
     def _subscribe(self) -> None:
         qos = sensor(self.parameters["reliability"])
-        for topic, kind in (("image", Image), ("image/compressed", CompressedImage)):
+        for topic, kind in ((IMAGE, Image), (PRESSED, CompressedImage)):
             self.create_subscription(kind, topic, partial(self._on_image, topic), qos)
-        for beside in ("depth", "mask"):
-            self.create_subscription(Image, beside, partial(self._on_beside, beside), qos)
-        self.create_subscription(CameraInfo, "camera_info", self._on_info, qos)
-        self.create_subscription(TransformStamped, "camera_pose", self.intake.take_link, latched())
+        for topic, kind in ((DEPTH, Image), (PRESSED_DEPTH, CompressedImage), (MASK, Image)):
+            self.create_subscription(kind, topic, partial(self._on_beside, topic), qos)
+        for info in (COLOUR_INFO, DEPTH_INFO):
+            self.create_subscription(CameraInfo, info, partial(self._on_info, topic=info), qos)
+        self.create_subscription(Imu, IMU, self._on_imu, sensor("best_effort"))
+        self.create_subscription(TransformStamped, POSE, self._on_pose, latched())
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
-            pass  # an installation without tf2_msgs has camera_pose
+            self.get_logger().info(f"tf2_msgs is not installed: transforms come from {self.beside.name(POSE)} alone")
         else:
-            self.create_subscription(TFMessage, "/tf_static", self._on_tree, latched())
+            for topic, quality in ((STATIC, latched()), (MOVING, moving())):
+                self.create_subscription(TFMessage, topic, partial(self._on_tree, kind=topic), quality)
         self._attend()
 
     def _attend(self) -> None:
@@ -163,14 +185,20 @@ class IngestNode(StageNode):
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
 
     def _on_beside(self, topic: str, message: Any) -> None:
-        (self.intake.take_depth if topic == "depth" else self.intake.take_mask)(message)
+        (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
 
-    def _on_info(self, message: Any) -> None:
-        self.intake.take_info(message, fov_known=self._fov_known)
+    def _on_info(self, message: Any, topic: str = COLOUR_INFO) -> None:
+        self.beside.take_info(message, topic, after_ns=self.last_ns, fov_known=self._fov_known)
 
-    def _on_tree(self, tree: Any) -> None:
+    def _on_imu(self, message: Any) -> None:
+        self.beside.take_imu(message)
+
+    def _on_pose(self, link: Any) -> None:
+        self.beside.take_link(link)
+
+    def _on_tree(self, tree: Any, kind: str = STATIC) -> None:
         for link in tree.transforms:
-            self.intake.take_link(link)
+            self.beside.take_link(link, kind)
 
     def _on_clip_done(self, message: Any) -> None:
         for status in message.status[:1]:
@@ -201,19 +229,35 @@ class IngestNode(StageNode):
             return
         clip = self.dispatch.next(self._stages())
         if clip is not None:
-            settings, clip.infos = self.parameters.settings(), dict(self.intake.infos)
-            self._start(lambda: self._in_turn(messages_of(clip, settings, _single)))
+            settings = self.parameters.settings()
+            self._start(lambda: self._patiently(clip, settings))
 
     def _camera_missing(self) -> bool:
         """Whether what the camera is may still be told: a clip that ended before waits for it."""
-        return not (self.intake.infos or self.intake.unusable or self._fov_known())
+        return not (self.beside.infos(COLOUR_INFO) or self.beside.unusable or self._fov_known())
 
     def _fov_known(self) -> bool:
         return self.get_parameter("camera.fov_deg").value is not None
 
     def _start(self, job: Job) -> None:
         self.worker.start(job)
-        self.state = "working"
+        self.state, self.lacking = "working", ""
+
+    def _patiently(self, clip: Intake, settings: config.Settings) -> Generator[Plain | str | None, None, Sent]:
+        """The messages of a clip; what it lacks may still come for a while."""
+        until, said = time.monotonic() + self.patience_s, ""
+        while True:
+            yield None
+            try:
+                made = ready(clip, settings)
+            except NotYetError as error:
+                if time.monotonic() >= until:
+                    raise
+                if str(error) != said:
+                    yield (said := str(error))
+                time.sleep(LOOK_S)
+            else:
+                return (yield from self._in_turn(messages_of(clip, settings, made)))
 
     def _in_turn(self, steps: Generator[Plain, None, Sent]) -> Generator[Plain | None, None, Sent]:
         """Messages as fast as they are published, so that they do not pile up."""
@@ -238,7 +282,7 @@ class IngestNode(StageNode):
         path, settings = Path(self.parameters["bag"]), self.parameters.settings()
         roles = inputs(path, settings.topics)
         for link in static_links(path):
-            self.intake.take_link(link)
+            self.beside.take_link(link, STATIC)
 
         def hear(topic: str, kind: str, raw: bytes) -> None:
             if topic not in roles:
@@ -322,16 +366,3 @@ class IngestNode(StageNode):
         self.state = "working" if self.worker.busy else "waiting"
         response.message = f"forgotten, with {waited} clips that waited; collecting"
         return response
-
-
-def _single(links: dict[str, Any], frame_id: str) -> dict[str, Any] | None:
-    """The camera's transform as a plain message where it is the whole chain; a product of several has no exact quaternion."""
-    link = links.get(frame_id)
-    if link is None or link.header.frame_id in links:
-        return None
-    t, r = link.transform.translation, link.transform.rotation
-    return {
-        "header": messages.header(stamp_ns(link), link.header.frame_id),
-        "child_frame_id": link.child_frame_id,
-        "transform": {"translation": {"x": t.x, "y": t.y, "z": t.z}, "rotation": {"x": r.x, "y": r.y, "z": r.z, "w": r.w}},
-    }

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffphys_ros.bags.camera import camera_from_info, pose_in_root, undistorter
-from diffphys_ros.bags.decode import MAX_PIXELS, declared_size
-from diffphys_ros.bags.read import edge
+from diffphys_ros.bags.decode import declared_size
 from diffphys_ros.errors import InputError
 
+from .beside import Beside
 from .clip_checks import check_colour, check_depth, check_labels
 from .convert import stamp_ns
 from .limits import COLOUR_BYTES, DEPTH_BYTES, LABEL_BYTES
 
 SPARE = 64  # images of depth and mask kept beside those that belong to a colour image: they may come before it
-MAX_LINKS = 1000  # of the transform tree
-MAX_SIZES = 8  # of images, of which a camera_info is kept
+DEPTH, PRESSED_DEPTH = "depth", "depth/compressedDepth"
 BESIDE_NS = 10**9  # by which depth and masks may be older than the oldest image that is kept
 Size = tuple[int, int]  # width, height [px]
 
@@ -37,13 +34,11 @@ class Intake:
     """Messages of one clip, or of the time before one. Every `take_...` raises InputError for a message that can be part of none, and keeps
     nothing of it. What is kept has at most `max_bytes`, as it is and as it will be handed on."""
 
-    def __init__(self, max_frames: int, max_bytes: int) -> None:
+    def __init__(self, max_frames: int, max_bytes: int, beside: Beside | None = None) -> None:
         self.images: list[Taken] = []  # ascending
         self.depths: list[Any] = []
         self.masks: list[Any] = []
-        self.infos: dict[Size, Any] = {}  # the latest camera_info by the size that it is for
-        self.unusable = ""  # why the latest camera_info that was refused was
-        self.links: dict[str, Any] = {}  # TransformStamped by child frame
+        self.beside = Beside() if beside is None else beside
         self.one_mask = True  # whether the one nearest to the first image is enough, which is known while a clip is recorded
         self.elsewhere = 0  # bytes that others hold of the same bound
         self._max_frames, self._max_bytes = max_frames, max_bytes
@@ -55,10 +50,9 @@ class Intake:
         self._raw = self._pixels = 0
 
     def closed(self) -> Intake:
-        """What was collected, handed over; this one keeps camera and transforms alone."""
-        taken = Intake(self._max_frames, self._max_bytes)
+        """What was collected, handed over; both hear what comes beside the images, for a transform may be late."""
+        taken = Intake(self._max_frames, self._max_bytes, self.beside)
         taken.images, taken.depths, taken.masks, taken._raw, taken._pixels = self.images, self.depths, self.masks, self._raw, self._pixels
-        taken.infos, taken.links, taken.unusable = dict(self.infos), dict(self.links), self.unusable
         self.begin()
         return taken
 
@@ -91,6 +85,11 @@ class Intake:
         return self.images[0].topic if self.images else ""
 
     @property
+    def depth_topic(self) -> str:
+        """Where depth comes from."""
+        return PRESSED_DEPTH if self.depths and hasattr(self.depths[0], "format") else DEPTH
+
+    @property
     def full(self) -> bool:
         """Whether another image like the last one would be too much."""
         if not self.images:
@@ -106,16 +105,14 @@ class Intake:
 
     def take_image(self, topic: str, message: Any) -> None:
         """A colour image, raw or compressed; one that comes late finds its place, unless the oldest that is kept is younger."""
-        if hasattr(message, "format"):
-            size = declared_size(message.format, message.data)
-        else:
-            check_colour(message, topic)
-            size = message.width, message.height
+        size, name = size_of(message), self.beside.name(topic)
+        if not hasattr(message, "format"):
+            check_colour(message, name)
         image = Taken(stamp_ns(message), topic, message, size)
         if self.images and image.stamp <= self.images[-1].stamp:
             if image.stamp < self.images[0].stamp or any(image.stamp == other.stamp for other in self.images):
                 late = (self.images[-1].stamp - image.stamp) * 1e-9
-                raise InputError(f"topic {topic}: an image came twice or late, {late:.3g} s before the latest; have the driver stamp and send its images in order")
+                raise InputError(f"topic {name}: an image came twice or late, {late:.3g} s before the latest; have the driver stamp and send its images in order")
             insort(self.images, image, key=lambda other: other.stamp)
         else:
             self.images.append(image)
@@ -123,46 +120,25 @@ class Intake:
 
     def take_depth(self, message: Any) -> None:
         """A depth image; those that are nearest to no colour image go once there are SPARE of them."""
-        if not message.height:
-            raise InputError("topic depth: an image without a pixel; publish depth images")
-        check_depth(message, "depth")
+        name, pressed = self.beside.name(DEPTH), hasattr(message, "format")
+        if self.depths and pressed != (self.depth_topic == PRESSED_DEPTH):
+            return  # the same images once more, by the other transport
+        if pressed:
+            declared_size(message.format, message.data)
+        elif not message.height:
+            raise InputError(f"topic {name}: an image without a pixel; publish depth images")
+        else:
+            check_depth(message, name)
         self.depths.append(message)
         self.depths = self._within(self.depths)
 
     def take_mask(self, message: Any) -> None:
         """A label image; the one nearest to the first colour image is used."""
-        check_labels(message, "mask")
+        check_labels(message, self.beside.name("mask"))
         self.masks.append(message)
         if self.images and self.one_mask:
             self.masks = [min(self.masks, key=lambda m: abs(stamp_ns(m) - self.images[0].stamp))]
         self.masks = self._within(self.masks)
-
-    def take_info(self, message: Any, *, fov_known: Callable[[], bool]) -> None:
-        """A camera_info; one without focal length is of use where the field of view is known."""
-        size = (message.width, message.height)
-        if size in self.infos and _calibration(self.infos[size]) == _calibration(message):
-            return
-        if size[0] * size[1] > MAX_PIXELS:
-            raise InputError(f"topic camera_info: is for {size[0]}x{size[1]} px, at most {MAX_PIXELS} pixels are read; have the driver send smaller images")
-        if not (message.k[0] == 0 and fov_known()):
-            try:
-                camera_from_info(message.k, message.d, *size, message.header.frame_id)
-                undistorter(message.k, message.d, message.distortion_model, *(size if all(size) else (1, 1)))
-            except InputError as error:
-                self.unusable = f"topic camera_info: {error}"
-                raise InputError(self.unusable) from error
-        self.infos.pop(size, None)
-        self.infos[size] = message
-        if len(self.infos) > MAX_SIZES:
-            del self.infos[next(iter(self.infos))]
-
-    def take_link(self, link: Any) -> None:
-        """A transform of the camera's tree; one that closes a circle is refused."""
-        if link.child_frame_id not in self.links and len(self.links) >= MAX_LINKS:
-            raise InputError(f"the transform tree has {MAX_LINKS} links, no more are kept; publish the camera's alone")
-        links = self.links | {link.child_frame_id: link}
-        pose_in_root(dict(edge(each) for each in links.values()), link.child_frame_id)
-        self.links = links
 
     def _within(self, kept: list[Any]) -> list[Any]:
         """Without images that are of no use, as few as the bound wants."""
@@ -182,5 +158,6 @@ class Intake:
         return [kept[index] for index in sorted(chosen)]
 
 
-def _calibration(info: Any) -> tuple[Any, ...]:
-    return info.header.frame_id, info.distortion_model, list(info.k), list(info.d), list(info.p)
+def size_of(message: Any) -> Size:
+    """Width and height [px] of an Image or CompressedImage. Raises InputError where the latter declares none."""
+    return declared_size(message.format, message.data) if hasattr(message, "format") else (message.width, message.height)

@@ -22,6 +22,7 @@ _VALUES: dict[str, tuple[str, ...]] = {
 SENSOR_DEPTH = 10
 RELIABLE_DEPTH = 100  # three seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
 TREE_DEPTH = 20  # links of the camera's transform tree
+MOVING_DEPTH = 100  # messages of /tf, as tf2_ros has it
 
 
 def profile(topic: Topic) -> QoSProfile:
@@ -45,6 +46,11 @@ def sensor(reliability: str) -> QoSProfile:
 def latched() -> QoSProfile:
     """Transforms, one message per link, that late subscribers get."""
     return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL, depth=TREE_DEPTH)
+
+
+def moving() -> QoSProfile:
+    """Transforms that are sent again and again: /tf as tf2_ros publishes it, reliable and volatile."""
+    return QoSProfile(reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE, depth=MOVING_DEPTH)
 
 
 def is_stream(qos: QoSProfile) -> bool:

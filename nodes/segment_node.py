@@ -16,7 +16,7 @@ from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
 from .clip_buffer import MASK
-from .clip_checks import check_labels, labels_of
+from .clip_checks import check_labels, in_world, labels_of
 from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
@@ -70,7 +70,7 @@ class SegmentNode(ClipStage):
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed((yield from assembled(buffer)), settings), settings
+            clip, chosen = placed(in_world((yield from assembled(buffer)), settings), settings), settings
             if CLICK in told:
                 chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
             if FIRST_MASK in told:

@@ -8,6 +8,7 @@ from typing import Any
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.msg_schemas.messages import world_frame
 
+from .clip_checks import in_world
 from .clip_stage import ClipStage, assembled
 from .splat_topic import splat_cloud
 from .worker import Job
@@ -32,7 +33,7 @@ class SplatNode(ClipStage):
             from diffphys_ros.depth import placed, surface_depth
             from diffphys_ros.inverse import fit_gaussians
 
-            clip = placed((yield from assembled(buffer, frames=1)), settings)
+            clip = placed(in_world((yield from assembled(buffer, frames=1)), settings), settings)
             depth0, _ = surface_depth(clip, settings)
             splats = yield from fit_gaussians(clip, depth0, settings)
             return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)), buffer.first_labels_crc())

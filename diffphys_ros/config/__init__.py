@@ -23,6 +23,7 @@ from .tree import (
     Segment,
     Settings,
     SplatSettings,
+    Sync,
     Topics,
 )
 from .values import build, flat
@@ -50,6 +51,7 @@ __all__ = [
     "Segment",
     "Settings",
     "SplatSettings",
+    "Sync",
     "Topics",
     "build",
     "flat",

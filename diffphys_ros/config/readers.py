@@ -8,15 +8,16 @@ from types import MappingProxyType
 from ..errors import InputError
 from .leaf import leaves
 
-_FIT = ("scene", "camera", "topics", "segment", "depth", "prior", "particles", "splats", "fit", "metrics", "publish")
+_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "prior", "particles", "splats", "fit", "metrics", "publish")
+_OF_WORLD = ("scene.gravity_m_s2", "scene.thickness_axis", "scene.clamp_box_m", "scene.floor_z_m")  # who reads them waits for a world
 _RECOVER = (*_FIT, "experiment")
 READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {  # groups, and single settings of others
         "diffphys recover": _RECOVER,
         "diffphys ingest": _RECOVER,
         "diffphys batch": _RECOVER,
-        "diffphys capture": ("scene", "camera", "topics", "segment", "depth", "splats", "fit", "capture", "experiment"),
-        "ingest_node": ("topics", "camera"),
+        "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "splats", "fit", "capture", "experiment"),
+        "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD),
         "segment_node": ("scene", "segment", "depth", "fit.device"),
         "splat_node": ("scene", "depth", "splats", "fit.device"),
         "fit_node": (*_FIT, "playback"),

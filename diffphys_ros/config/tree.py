@@ -43,6 +43,7 @@ class Scene:
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
+    target_frame: str | None = setting(None, "frame of the transforms that is the world, z up (the camera's own: settings are meant in that); the root of the camera's tree where not given")
 
     @property
     def thickness_unit(self) -> list[float] | None:
@@ -70,7 +71,15 @@ class Topics:
     image: str | None = setting(None, "colour images (Image or CompressedImage)")
     depth: str | None = setting(None, "depth images (16UC1 in mm or 32FC1 in m); 'none' leaves depth out")
     camera_info: str | None = setting(None, "camera_info of the colour images")
+    imu: str | None = setting(None, "Imu that rests, for the direction of gravity; 'none' leaves it out")
     mask: str | None = setting(None, "label images (mono8): the one nearest to frame 0 says what the object is, as scene.first_mask does")
+
+
+@dataclass(frozen=True)
+class Sync:
+    """Which images belong together."""
+
+    slop_s: float | None = setting(None, "longest time between a colour image and its depth image; half a frame period where not given", unit="s", low=0.0, high=10.0)
 
 
 @dataclass(frozen=True)
@@ -239,6 +248,7 @@ class Settings:
     scene: Scene = group(Scene, KNOWN)
     camera: CameraSettings = group(CameraSettings, KNOWN)
     topics: Topics = group(Topics, WHERE)
+    sync: Sync = group(Sync, WHERE)
     segment: Segment = group(Segment, OBJECT)
     depth: DepthSettings = group(DepthSettings, OBJECT)
     prior: PriorSettings = group(PriorSettings, BELIEF)

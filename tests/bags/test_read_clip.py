@@ -45,7 +45,7 @@ def settings(**values: Any) -> config.Settings:
 
 def test_a_bag_gives_its_frames_depth_camera_and_pose(record: Record) -> None:
     tree = tree_topic({FRAME: ("mast", (0, 0, 1.5)), "mast": ("map", (2, 0, 0))})
-    clip = read_clip(record(colour_topic(), depth_topic(), info_topic(), tree), DEFAULT)
+    clip = read_clip(record(colour_topic(), depth_topic(), info_topic(), tree), settings(scene__gravity_m_s2=[0.0, 0.0, -9.81]))
     np.testing.assert_array_equal(clip.frames, [picture(k) for k in range(6)])
     assert clip.depth is not None
     np.testing.assert_allclose(clip.depth, [distance(k) / 1000 for k in range(6)], rtol=1e-6)
@@ -121,7 +121,7 @@ def test_a_depth_topic_named_as_colour_is_refused(record: Record) -> None:
 
 def test_lens_distortion_is_removed_and_said(record: Record) -> None:
     clip = read_clip(record(colour_topic(), info_topic(d=[-0.3, 0.1, 0, 0, 0])), DEFAULT)
-    assert clip.notes == ("lens distortion was removed from the images",)
+    assert "lens distortion was removed from the images" in clip.notes
     assert not np.array_equal(clip.frames[0], picture(0))
 
 
@@ -288,3 +288,10 @@ def test_a_part_without_images_is_refused(record: Callable[..., Path], part: dic
 def test_only_recordings_are_read_in_part(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no recording, of which alone a part can be read"):
         read_clip(tmp_path, DEFAULT, start_s=1.0)
+
+
+def test_what_is_told_of_the_world_is_taken_in_the_cameras_frame_of_a_video_and_said(video: Path) -> None:
+    clip = read_clip(video, settings(camera__fov_deg=70.0, scene__gravity_m_s2=[0.0, 9.81, 0.0]))
+    assert clip.notes == ("pictures carry no transforms: scene.gravity_m_s2 is taken in the camera's own frame, x right, y down, z forward",)
+    with pytest.raises(InputError, match=r"scene.target_frame is map, but pictures carry no transforms"):
+        read_clip(video, settings(scene__target_frame="map"))

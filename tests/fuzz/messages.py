@@ -49,7 +49,11 @@ WAIT_S = 8.0
 STAMPS = (0, -1, 1, 2**31 - 1, -(2**31), START_NS // 10**9, START_NS // 10**9 + 1)
 FRAMES_OF = ("", "world", "camera_optical", "/", "a b", "\n", "é" * 60, "x" * 5000)
 IMAGE, PRESSED, INFO, TRANSFORM = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "geometry_msgs/msg/TransformStamped"
-RAW = {"image": IMAGE, "image/compressed": PRESSED, "depth": IMAGE, "mask": IMAGE, "camera_info": INFO, "camera_pose": TRANSFORM}
+IMU = "sensor_msgs/msg/Imu"
+RAW = {
+    "image": IMAGE, "image/compressed": PRESSED, "depth": IMAGE, "depth/compressedDepth": PRESSED, "mask": IMAGE,
+    "camera_info": INFO, "depth_camera_info": INFO, "camera_pose": TRANSFORM, "imu": IMU,
+}  # fmt: skip
 Said = tuple[str, Any]  # topic, rclpy message
 
 
@@ -88,8 +92,7 @@ class Rig:
         """As it was before any message, so that a case comes from its seed alone."""
         self.start_ns, self.clips = START_NS, []
         if isinstance(self.node, IngestNode):
-            intake = self.node.intake = self.node.recorder.intake = Intake(MAX_FRAMES, MAX_MIB * MIB)
-            intake.infos, intake.links = {}, {}
+            self.node.intake = self.node.recorder.intake = Intake(MAX_FRAMES, MAX_MIB * MIB)
             self.node.recorder.reset()
             self.node.dispatch.release()
         elif self.good is not None:
@@ -131,6 +134,7 @@ class Rig:
 def rigs() -> list[Rig]:
     """The nodes, made once; their jobs end with the clip."""
     given = [f"{name}:max_mib:={MAX_MIB}" for name in ("segment_node", "splat_node", "fit_node", "ingest_node")]
+    given.append("ingest_node:patience_s:=0.0")
     words = [word for parameter in (*given, f"inspect_node:file:={os.devnull}") for word in ("-p", parameter)]
     rclpy.init(args=["--ros-args", *words, "--log-level", "fatal"])
     made = [_stage(SegmentNode, _good_clip), _stage(SplatNode, _good_clip), _stage(FitNode, _good_clip), _ingest()]
@@ -320,6 +324,8 @@ def _valid(rng: np.random.Generator, topic: str, rig: Rig) -> Any:
         PRESSED: lambda: {"header": head, "format": pick(rng, FORMATS), "data": picture(rng)},
         INFO: lambda: messages.camera_info(head, clip.camera),
         TRANSFORM: lambda: messages.camera_pose(at, clip.camera),
+        IMU: lambda: {"header": head, "linear_acceleration": {"y": -9.8}},
+        "geometry_msgs/msg/Vector3Stamped": lambda: messages.gravity(at, clip.camera, pick(rng, (None, np.array([0.0, 0.0, -9.8])))),
         "geometry_msgs/msg/PointStamped": lambda: {"header": head, "point": {"x": 3.0, "y": 2.0, "z": 0.0}},
         "geometry_msgs/msg/WrenchStamped": lambda: {"header": head},
         "nav_msgs/msg/Path": lambda: messages.camera_path([at + k * PERIOD_NS for k in range(FRAMES)], clip.camera),

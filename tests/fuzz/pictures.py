@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.decode import CHANNELS, DEPTH, MAX_PIXELS, decode_compressed, decode_image
+from diffphys_ros.bags.decode import MAX_PIXELS, decode_compressed, decode_image
+from diffphys_ros.bags.encodings import CHANNELS, DEPTH, WIDE
 from diffphys_ros.errors import InputError
 from diffphys_ros.splats import ply
 from diffphys_ros.types import Splats
@@ -21,7 +22,7 @@ COUNT = 20_000
 HEIGHT, WIDTH, GAUSSIANS = 16, 24, 12
 SIZES = (0, 1, 2, 3, 7, 16, 24, 65535, 2**15, 30_000, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-45, 1e-38, 1e38, -1e38, 200.0, -200.0, 88.0, np.nan, np.inf, -np.inf)
-ENCODINGS = (*CHANNELS, *DEPTH, "", "nv21", "bayer_rggb8", "rgb8\0", "RGB8", "é" * 40, "x" * 5000, "rgb8\n", "64FC1")
+ENCODINGS = (*CHANNELS, *WIDE, *DEPTH, "", "nv21", "rgb8\0", "RGB8", "é" * 40, "x" * 5000, "rgb8\n", "64FC1")
 FORMATS = ("jpeg", "png", "rgb8; jpeg compressed bgr8", "16UC1; png compressed", "", "\n", "x" * 5000, "tiff", "\0")
 DEPTH_FORMATS = ("16UC1; compressedDepth png", "32FC1; compressedDepth png", " 32FC1; compressedDepth", "compressedDepth", "16UC1; compressedDepth rvl")
 HEADER_WORDS = (
@@ -72,8 +73,8 @@ def spoiled(rng: np.random.Generator, data: bytes) -> bytes:
 
 def image_fields(rng: np.random.Generator) -> dict[str, Any]:
     """Fields of a sensor_msgs/Image: a valid one, with some that do not fit."""
-    encoding = pick(rng, [*CHANNELS, *DEPTH])
-    row = WIDTH * CHANNELS.get(encoding, np.dtype(DEPTH.get(encoding, np.uint8)).itemsize)
+    encoding = pick(rng, [*CHANNELS, *WIDE, *DEPTH])
+    row = WIDTH * CHANNELS.get(encoding, np.dtype((WIDE | DEPTH).get(encoding, np.uint8)).itemsize)
     step = row + int(rng.integers(3)) * 4
     fields: dict[str, Any] = {"encoding": encoding, "height": HEIGHT, "width": WIDTH, "step": step, "is_bigendian": int(rng.integers(2))}
     fields["data"] = rng.bytes(step * HEIGHT)
@@ -88,7 +89,7 @@ def image_fields(rng: np.random.Generator) -> dict[str, Any]:
 def _raw(rng: np.random.Generator, _: Path) -> None:
     fields = image_fields(rng)
     data = fields["data"]
-    image = decode_image(**fields | {"data": pick(rng, (data, np.frombuffer(data, np.uint8), bytearray(data)))})
+    image = decode_image(**fields | {"data": pick(rng, (data, np.frombuffer(data, np.uint8), bytearray(data)))}, colour=bool(rng.integers(2)))
     _check(image)
     assert image.shape[:2] == (fields["height"], fields["width"])
 
@@ -122,12 +123,14 @@ def picture(rng: np.random.Generator) -> bytes:
 
 
 def _compressed(rng: np.random.Generator, _: Path) -> None:
-    _check(decode_compressed(pick(rng, FORMATS), picture(rng)))
+    _check(decode_compressed(pick(rng, FORMATS), picture(rng), colour=bool(rng.integers(2))))
 
 
 def _depth(rng: np.random.Generator, _: Path) -> None:
     quantised = struct.pack("<iff", 0, *(float(np.float32(pick(rng, (*NUMBERS, 100.0)))) for _ in range(2)))
     data = quantised[: int(pick(rng, (0, 3, 12, 12, 12)))] + (_pictures()[2] if rng.random() < 0.4 else picture(rng))
+    if rng.random() < 0.2:
+        data = spoiled(rng, struct.pack("<iffii", 1, 0.0, 0.0, WIDTH, HEIGHT) + rng.bytes(int(rng.integers(4 * WIDTH * HEIGHT))))
     image = decode_compressed(pick(rng, DEPTH_FORMATS), data)
     assert image.ndim == 2
     _check(image)

@@ -138,6 +138,7 @@ BAD = {
         ("not finite", lambda: to_ros("sensor_msgs/msg/CameraInfo", {"header": HEAD, "width": 4, "height": 3, "k": np.full(9, np.nan)})),
     ],
     "clip/camera_pose": [("unit quaternion", lambda: to_ros("geometry_msgs/msg/TransformStamped", {"header": HEAD, "transform": {"rotation": {"w": 0.0}}}))],
+    "clip/gravity": [("must be within 100", lambda g=g: to_ros("geometry_msgs/msg/Vector3Stamped", {"header": HEAD, "vector": {"z": g}})) for g in (np.nan, -1e300)],
     "clip/end": [
         ("announces 0 images", lambda: to_ros(TOPICS["clip/end"].type_name, {})),
         ("must ascend from that of its header", lambda: path(make_clip(), 3, header=messages.header(7))),

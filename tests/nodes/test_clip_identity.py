@@ -53,7 +53,7 @@ def splats_of(clip: Clip, labels: np.ndarray | None = None, seed: int = 0, stamp
     return to_ros(TOPICS["splats"].type_name, splat_cloud(from_raw(rows), head, crc))
 
 
-@pytest.mark.parametrize("topic", ["clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/end", MASK])
+@pytest.mark.parametrize("topic", ["clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/image", "clip/depth", "clip/end", MASK])
 @pytest.mark.parametrize("before", [True, False])
 def test_a_message_of_another_clip_is_not_used_in_place_of_one_that_is_missing(first, second, topic, before) -> None:
     buffer, own = ClipBuffer(), [each for each in messages_of(first) if each[0] != topic]

@@ -34,6 +34,9 @@ def assert_same(a: Clip, b: Clip) -> None:
     assert (a.depth is None) == (b.depth is None)
     if a.depth is not None:
         np.testing.assert_array_equal(a.depth, b.depth)
+    assert (a.gravity is None) == (b.gravity is None)
+    if a.gravity is not None:
+        np.testing.assert_array_equal(a.gravity, b.gravity)
     np.testing.assert_array_equal(a.camera.pixel_from_camera, b.camera.pixel_from_camera)
     np.testing.assert_allclose(a.camera.world_from_camera, b.camera.world_from_camera, atol=1e-12)
     assert (a.camera.frame_id, a.camera.world_frame_id, a.start_ns) == (b.camera.frame_id, b.camera.world_frame_id, b.start_ns)
@@ -43,7 +46,7 @@ def assert_same(a: Clip, b: Clip) -> None:
 @pytest.fixture
 def deep_clip(made_clip) -> Clip:
     depth = np.random.default_rng(0).uniform(0.3, 0.7, made_clip.frames.shape[:3]).astype(np.float32)
-    return replace(made_clip, depth=depth)
+    return replace(made_clip, depth=depth, gravity=np.array([0.1, 0.0, -9.8]))
 
 
 def test_clip_depth_and_labels_arrive_as_they_were(deep_clip):
@@ -84,7 +87,7 @@ def test_stamps_with_jitter_give_the_clock_of_the_recording_bit_for_bit(deep_cli
     assert (first.period_s, first.start_ns) == (again.period_s, again.start_ns)
 
 
-@pytest.mark.parametrize("topic", ["clip/image", "clip/depth", "clip/mask", "clip/end", "clip/camera_info", "clip/camera_pose", "clip/first_mask"])
+@pytest.mark.parametrize("topic", ["clip/image", "clip/depth", "clip/mask", "clip/end", "clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask"])
 def test_a_clip_is_complete_only_when_the_last_message_of_each_topic_is_there(deep_clip, topic):
     stamps = slot_stamps(deep_clip)
     everything = [*clip_messages(deep_clip, stamps), *mask_messages(deep_clip, stamps)]

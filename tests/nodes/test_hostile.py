@@ -28,8 +28,9 @@ from .processes import PATIENCE_S, Domain
 
 pytestmark = pytest.mark.faults
 IMAGE, INFO, POSE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "geometry_msgs/msg/TransformStamped"
+PRESSED, IMU = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Imu"
 NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", *(["inspect_node"] if find_spec("rerun") else []))
-RAW = {"image": IMAGE, "depth": IMAGE, "mask": IMAGE, "image/compressed": "sensor_msgs/msg/CompressedImage", "camera_info": INFO}
+RAW = {"image": IMAGE, "depth": IMAGE, "mask": IMAGE, "image/compressed": PRESSED, "depth/compressedDepth": PRESSED, "camera_info": INFO, "depth_camera_info": INFO, "imu": IMU}
 OTHER = {"camera_pose": POSE, "click": "geometry_msgs/msg/PointStamped", "first_mask": IMAGE}
 NAN = float("nan")
 STAMP = 1_700_000_000_000_000_000
@@ -62,6 +63,11 @@ def malformed(type_name: str) -> Iterator[dict[str, Any]]:
     elif type_name.endswith("Path"):
         yield {"header": head, "poses": [{"header": head}, {"header": head}]}
         yield {"header": head, "poses": [{"header": head}, {"header": messages.header(STAMP // 2)}]}
+    elif type_name == IMU:
+        yield {"header": head, "linear_acceleration": {"x": NAN, "y": 1e308, "z": float("inf")}}
+    elif type_name.endswith("Vector3Stamped"):
+        yield {"header": head, "vector": {"x": NAN}}
+        yield {"header": head, "vector": {"z": -1e300}}
     elif type_name.endswith("PointStamped"):
         yield {"header": head, "point": {"x": NAN}}
         yield {"header": messages.header(0, "nowhere"), "point": {"x": 1e308, "y": -1e308, "z": 1e-300}}
@@ -139,7 +145,7 @@ def alive(graph: Outside) -> None:
 
 def test_malformed_messages_on_every_topic_end_no_node_and_reset_answers(graph) -> None:
     shown = ("~/material_field", "~/force_field", "~/quality", "~/progress", "~/rendered") if "inspect_node" in NODES else ()
-    clip = ("clip/camera_info", "clip/camera_pose", "clip/first_mask", "clip/image", "clip/depth", "clip/mask", "clip/end", "splats")
+    clip = ("clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/image", "clip/depth", "clip/mask", "clip/end", "splats")
     for topic in (*RAW, *OTHER, *clip, *shown):
         kind = (RAW | OTHER).get(topic) or TOPICS[topic].type_name
         for plain in malformed(kind):

@@ -11,13 +11,14 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from diffphys_ros import config
+from diffphys_ros.bags.transforms import MAX_LINKS
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_buffer import ClipBuffer
 from diffphys_ros.nodes.clip_out import messages_of
 from diffphys_ros.nodes.convert import message_class, stamp_ns, to_ros
 from diffphys_ros.nodes.ingest_node import MOST_IN_HAND, IngestNode
-from diffphys_ros.nodes.intake import MAX_LINKS, SPARE, Intake
+from diffphys_ros.nodes.intake import SPARE, Intake
 from diffphys_ros.nodes.qos import profile
 from diffphys_ros.types import Clip
 
@@ -49,7 +50,7 @@ def link(child: str, parent: str):
 
 def clip_of(intake: Intake) -> tuple[Clip, list[str]]:
     """What a listener makes of the messages, and what ingest_node says of them."""
-    buffer, steps = ClipBuffer(), messages_of(intake, config.build({}), lambda links, frame: None)
+    buffer, steps = ClipBuffer(), messages_of(intake, config.build({}))
     while True:
         try:
             topic, fields = next(steps)
@@ -88,7 +89,7 @@ def test_depth_at_thrice_the_rate_leaves_every_frame_its_own(made_clip) -> None:
         for third in (-1, 0, 1):
             intake.take_depth(depth(made_clip, k, third * PERIOD_NS // 3, 0.5 + 0.1 * third))
         intake.take_image("image", image(made_clip.frames[0], "rgb8", made_clip.start_ns + k * PERIOD_NS))
-    intake.take_info(info_of(made_clip), fov_known=known)
+    intake.beside.take_info(info_of(made_clip), fov_known=known)
     assert len(intake.depths) <= 150 + SPARE
     clip, _ = clip_of(intake)
     assert (clip.depth == np.float32(0.5)).all()
@@ -115,10 +116,10 @@ def test_a_clip_is_full_before_its_listeners_would_have_to_drop_it(made_clip) ->
 
 def test_bad_images_among_good_ones_cost_themselves_alone(made_clip) -> None:
     intake = Intake(1200, 64 * MIB)
-    intake.take_info(info_of(made_clip), fov_known=known)
+    intake.beside.take_info(info_of(made_clip), fov_known=known)
     intake.take_image("image", image(np.zeros((1, 1, 3), np.uint8), "rgb8", made_clip.start_ns - PERIOD_NS))
     for k in range(len(made_clip)):
-        for changes in ({"height": 400}, {"encoding": "bayer_rggb8"}, {"width": 0}):
+        for changes in ({"height": 400}, {"encoding": "nv21"}, {"width": 0}):
             with pytest.raises(InputError, match="topic image"):
                 intake.take_image("image", image(made_clip.frames[k], "rgb8", made_clip.start_ns, **changes))
         intake.take_image("image", colour(made_clip, k))
@@ -131,7 +132,7 @@ def test_an_unusable_camera_info_does_not_take_the_place_of_a_good_one(made_clip
     intake = Intake(1200, 64 * MIB)
     for changes, refused in (({"k": np.zeros(9)}, True), ({}, False), ({"k": np.full(9, np.nan)}, True), ({"width": 640, "height": 480}, False)):
         with pytest.raises(InputError, match="topic camera_info") if refused else nullcontext():
-            intake.take_info(info_of(made_clip, **changes), fov_known=known)
+            intake.beside.take_info(info_of(made_clip, **changes), fov_known=known)
     for k in range(len(made_clip)):
         intake.take_image("image", colour(made_clip, k))
     clip, _ = clip_of(intake)
@@ -140,22 +141,24 @@ def test_an_unusable_camera_info_does_not_take_the_place_of_a_good_one(made_clip
 
 def test_a_transform_that_closes_a_circle_or_has_no_rotation_is_refused() -> None:
     intake = Intake(1200, MIB)
-    intake.take_link(link("camera", "arm"))
-    intake.take_link(link("arm", "world"))
+    intake.beside.take_link(link("camera", "arm"))
+    intake.beside.take_link(link("arm", "world"))
     with pytest.raises(InputError, match="circle"):
-        intake.take_link(link("world", "camera"))
+        intake.beside.take_link(link("world", "camera"))
     broken = link("camera", "world")
     broken.transform.rotation.w = 0.0
     with pytest.raises(InputError, match="quaternion"):
-        intake.take_link(broken)
-    assert {child: each.header.frame_id for child, each in intake.links.items()} == {"camera": "arm", "arm": "world"}
+        intake.beside.take_link(broken)
+    assert intake.beside.transforms.root("camera") == "world"
+    assert len(intake.beside.transforms) == 2
 
 
 def test_the_transform_tree_is_bounded() -> None:
     intake = Intake(1200, MIB)
-    intake.links = {str(k): link(str(k), "world") for k in range(MAX_LINKS)}
+    for k in range(MAX_LINKS):
+        intake.beside.take_link(link(str(k), "world"))
     with pytest.raises(InputError, match="1000 links"):
-        intake.take_link(link("one more", "world"))
+        intake.beside.take_link(link("one more", "world"))
 
 
 def ended(node: IngestNode) -> str:
@@ -181,7 +184,7 @@ def test_a_clip_that_ends_before_its_camera_info_comes_waits_for_it(make_node, m
     for k in range(len(made_clip)):
         node._on_image("image", colour(made_clip, k))
     assert ended(node) == "waiting"
-    assert node.waiting_for() == "camera_info"
+    assert node.waiting_for() == "/camera_info"
     node._on_info(info_of(made_clip))
     node._look()
     while node.worker.busy:
@@ -233,7 +236,7 @@ def test_reset_keeps_camera_and_transforms_which_are_not_sent_again(make_node, m
     send = node.send
     node.send = lambda name, fields: (published.append((name, fields)), send(name, fields))
     node._on_info(info_of(made_clip))
-    node.intake.take_link(link("camera_optical", "world"))
+    node.intake.beside.take_link(link("camera_optical", "world"))
     for _ in range(2):
         for k in range(len(made_clip)):
             node._on_image("image", colour(made_clip, k))
