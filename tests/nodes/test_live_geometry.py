@@ -26,7 +26,7 @@ from diffphys_ros.nodes.clip_out import messages_of
 from diffphys_ros.nodes.clip_stage import CLIP
 from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
 from diffphys_ros.nodes.convert import message_class, to_ros
-from diffphys_ros.nodes.fit_node import FitNode, _from_topics
+from diffphys_ros.nodes.fit_node import FitNode, _elsewhere
 from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.intake import Intake
 from diffphys_ros.nodes.qos import latched, profile, sensor
@@ -263,7 +263,7 @@ def test_a_stage_that_alone_is_told_of_the_world_refuses_a_clip_in_the_cameras_f
     stamps = slot_stamps(clip)
     for name, fields in (*clip_messages(clip, stamps), *mask_messages(clip, stamps)):
         node.buffer.take(name, to_ros(TOPICS[name].type_name, fields))
-    job = _from_topics(node.buffer, None, node.parameters.settings(), None) if stage is FitNode else node.job()()
+    job = _elsewhere(node.buffer, None, node.parameters.settings(), "", False, "", "fit_node") if stage is FitNode else node.job()()
     with pytest.raises(InputError, match=r"scene.floor_z_m is told in the world, but the clip is in the camera's own frame camera_optical; tell it to ingest_node too"):
         list(job)
 
