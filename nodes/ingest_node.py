@@ -310,7 +310,6 @@ class IngestNode(StageNode):
         if not self.collected:
             self.state = FAILED
             self.on_failed(f"{shown(self.parameters['bag'])}: no image was played; choose another start and duration")
-        self.collected = 0
         self.recorder.silence()  # the next pass begins another clip
 
     def _read_job(self, part: Part) -> Job:

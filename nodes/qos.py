@@ -20,7 +20,7 @@ _VALUES: dict[str, tuple[str, ...]] = {
     "durability": ("transient_local", "volatile"),
 }
 SENSOR_DEPTH = 10
-RELIABLE_DEPTH = 100  # three seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
+RELIABLE_DEPTH = 90  # three seconds at 30 Hz: a camera that does not stop must not fill the memory of a node that is too slow
 TREE_DEPTH = 20  # links of the camera's transform tree
 MOVING_DEPTH = 100  # messages of /tf, as tf2_ros has it
 
@@ -55,7 +55,7 @@ def moving() -> QoSProfile:
 
 def is_stream(qos: QoSProfile) -> bool:
     """Whether a profile is one of `sensor`: of a topic that a driver keeps sending on."""
-    return qos.durability != DurabilityPolicy.TRANSIENT_LOCAL and (qos.reliability == ReliabilityPolicy.BEST_EFFORT or qos.history == HistoryPolicy.KEEP_ALL)
+    return qos.durability != DurabilityPolicy.TRANSIENT_LOCAL and (qos.reliability == ReliabilityPolicy.BEST_EFFORT or qos.depth == RELIABLE_DEPTH)
 
 
 def overridable() -> QoSOverridingOptions:

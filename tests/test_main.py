@@ -102,7 +102,7 @@ def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(h
     assert main(["recover", str(tmp_path / "beside" / "clip.mcap"), "--out", str(tmp_path / "whole"), *given]) == 0
     names = {p.name for p in (tmp_path / "whole").iterdir()}
     rerun = {"recovery.rrd"} if find_spec("rerun") else set()
-    assert names == {"recovery.npz", "metrics.json", "recovery.mcap", "summary.png"} | rerun
+    assert names == {"recovery.npz", "metrics.json", "recovery.mcap", "metadata.yaml", "summary.png"} | rerun
     assert bool(rerun) != ("recovery.rrd was left out because the package 'rerun' is not installed" in capfd.readouterr().out)
     assert main(["ingest", clip, "--out", str(tmp_path / "clip.npz"), *given]) == 0
     assert main(["recover", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "solver")]) == 0

@@ -21,10 +21,16 @@ def rows(own: Own) -> list[list[str]]:
 def test_every_parameter_of_a_node_is_documented_with_its_default_range_and_when_it_may_be_set():
     for module in (ingest_node, segment_node, fit_node, inspect_node):
         for own in (CONFIG, AUTOSTART, MAX_MIB, *module.OWN):
-            ((_, _, default, bounds, running, _),) = rows(own)
-            assert default.strip("`") == (str(own.default).lower() if isinstance(own.default, bool) else str(own.default)), own.name
-            if own.low is not None:
-                assert [float(bound) for bound in bounds.split(" .. ")] == [own.low, own.high], own.name
-            assert [choice for choice in own.choices if choice and f"`{choice}`" not in bounds] == [], own.name
-            assert own.fixed or running in ("yes", module.__name__.rpartition(".")[2], "`fit_node`"), own.name
-            assert not own.fixed or running != "yes", own.name
+            assert rows(own), own.name
+            for row in rows(own):
+                check(module, own, row)
+
+
+def check(module, own: Own, row: list[str]) -> None:
+    _, _, default, bounds, running, _ = row
+    assert default.strip("`") == (str(own.default).lower() if isinstance(own.default, bool) else str(own.default)), own.name
+    if own.low is not None:
+        assert [float(bound) for bound in bounds.split(" .. ")] == [own.low, own.high], own.name
+    assert [choice for choice in own.choices if choice and f"`{choice}`" not in bounds] == [], own.name
+    assert own.fixed or running in ("yes", module.__name__.rpartition(".")[2], "`fit_node`"), own.name
+    assert not own.fixed or running != "yes", own.name

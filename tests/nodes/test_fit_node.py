@@ -227,4 +227,4 @@ def test_playback_ends_with_the_last_frame_where_looping_is_off(robot, made_reco
     end = time.monotonic() + 0.5
     r.until(lambda: time.monotonic() > end)
     assert stamp_of(r.heard["~/net_force"][-1]) == answer.stamp_ns(len(answer) - 1)
-    assert len(r.heard["~/net_force"]) <= len(answer)
+    assert len(r.heard["~/net_force"]) <= len(answer) + 1  # the first frame is latched before anything is played

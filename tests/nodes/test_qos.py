@@ -55,9 +55,9 @@ def test_a_publisher_takes_it_too_and_keeps_it_when_it_is_made_again(make_node):
 def test_every_topic_of_a_node_can_be_overridden(make_node):
     node = make_node(SegmentNode)
     names = {name.rpartition(".")[0] for name in node.list_parameters(["qos_overrides"], 0).names}
-    wanted = {f"qos_overrides.{node.resolve_topic_name(name)}.subscription" for name in TOPICS if name.startswith("clip/") and name != "clip/mask"}
+    wanted = {f"qos_overrides.{node.resolve_topic_name(name)}.subscription" for name in TOPICS if name.startswith("clip/") and name not in ("clip/mask", "clip/done")}
     wanted |= {f"qos_overrides./{name}.subscription" for name in ("click", "first_mask")}
-    assert names == wanted | {"qos_overrides./clip/mask.publisher", "qos_overrides./diagnostics.publisher"}
+    assert names == wanted | {f"qos_overrides./{name}.publisher" for name in ("clip/mask", "clip/done", "diagnostics")}
     assert offered(node, "/clip/image", "subscription").history in (HistoryPolicy.KEEP_ALL, HistoryPolicy.UNKNOWN)
 
 
