@@ -4,13 +4,14 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph many-clips kills test faults check mutants fuzz lint bench accuracy animation tables clean
+.PHONY: help setup demo demo-starts graph many-clips kills soak test faults check mutants fuzz lint bench accuracy animation tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
 	@echo "make demo-starts  the same from start values that are 3x and 0.3x off, then the solver from 1.3x and 0.77x"
 	@echo "make graph        the five nodes as five processes against one process, full length"
 	@echo "make many-clips   a hundred tiny clips in a row through the five nodes; COUNT=n"
+	@echo "make soak         clip after clip for half an hour, a node killed every three minutes: results, latency, memory; MINUTES=n"
 	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
 	@echo "make test         all tests but those of make faults (twelve minutes; JOBS=2 on two cores: seven and a half)"
 	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"
@@ -38,6 +39,9 @@ graph: setup
 
 many-clips: setup
 	@$(PY) scripts/many_clips.py $(if $(COUNT),--count $(COUNT))
+
+soak: setup
+	@$(PY) scripts/soak.py $(if $(MINUTES),--minutes $(MINUTES))
 
 kills: setup
 	@$(PY) scripts/kills.py $(if $(ONLY),--nodes $(ONLY))

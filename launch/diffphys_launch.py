@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 from diffphys_arguments import ARGUMENTS, GETS, SHOWN, parameters, said
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable, Shutdown
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -25,8 +25,7 @@ def description(launch: str, actions: Any) -> LaunchDescription:
         return list(actions({name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS[launch]}))
 
     declared = [DeclareLaunchArgument(name, default_value=each.default, description=each.doc) for name, each in ARGUMENTS[launch].items()]
-    profile = SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", str(CONFIG / "fastdds.xml"))
-    return LaunchDescription([*declared, profile, OpaqueFunction(function=setup)])
+    return LaunchDescription([*declared, OpaqueFunction(function=setup)])
 
 
 def node(launch: str, name: str, given: dict[str, str], **more: Any) -> Node:

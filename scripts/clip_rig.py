@@ -20,6 +20,7 @@ from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
+from diffphys_ros.nodes import middleware
 from diffphys_ros.types import Clip
 
 NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node")
@@ -28,7 +29,6 @@ SMALLER = 4  # by which the sample's images are
 TINY = {"fit.iterations": 1, "segment.max_parts": 1, "particles.cells": 2, "splats.max_count": 300, "splats.refine_frames": 2, "experiment.per_cell": 2.0, "experiment.splat_iterations": 3}
 SILENCE_S = 1.0
 EVERY_SECOND_SLOWER = 1.25  # a clip that swings slower by this is softer by its square: a result shows whose it is
-PROFILE = Path(__file__).resolve().parent.parent / "config" / "fastdds.xml"
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Rig:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
 
-        self.out, self.env = out, environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE), "OMP_NUM_THREADS": "1"}
+        self.out, self.env = out, environment() | {middleware.VARIABLE: str(middleware.PROFILE), "OMP_NUM_THREADS": "1"}
         os.environ.update(self.env)
         out.mkdir(parents=True, exist_ok=True)
         given = yaml.safe_load((sample_folder() / "given.yaml").read_text())["scene"]

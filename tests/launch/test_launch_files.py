@@ -52,7 +52,7 @@ def test_every_parameter_that_a_node_gets_is_one_of_its_own_with_the_same_defaul
         for argument, parameter in gets.items():
             each = arguments.ARGUMENTS[name][argument]
             if parameter in OF_ALL or parameter not in own:
-                assert parameter in (*OF_ALL, "exit_when_done"), (node, parameter)
+                assert parameter in OF_ALL, (node, parameter)
             elif each.kind is bool:
                 assert own[parameter] is (each.default == "true")
             else:

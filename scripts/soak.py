@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""A camera that sends clip after clip to the five nodes for as long as is wanted, each when the last fit is done, while nodes are killed and
+started again: what came of every clip and frame, how long it took, how memory went.
+
+Exit status 0 only if every clip that no kill hit has its own result, no frame is unaccounted for, and memory does not grow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import time
+from dataclasses import dataclass, field
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+from clip_rig import NODES, SILENCE_S, Rig, Told, rig
+from processes import run
+
+START_S, CLIP_S = 120.0, 300.0  # longest waits
+KILLED = ("segment_node", "fit_node", "splat_node", "ingest_node")  # in turn
+SETTLED = 3  # clips after which a process has imported and cached what it keeps
+MOST_GROWTH_MIB = 8.0  # of a process per clip after that
+PUBLISHED = re.compile(r"published a clip of (\d+) frames")
+
+
+@dataclass
+class Soak:
+    """What was seen."""
+
+    clips: list[Told] = field(default_factory=list)
+    hit: set[int] = field(default_factory=set)  # numbers of clips during which a node was killed
+    kills: list[str] = field(default_factory=list)
+    memory: dict[tuple[str, int], list[float]] = field(default_factory=dict)  # PSS of each process [MiB] after every clip
+
+
+def main(arguments: list[str]) -> int:
+    """Runs it; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=30.0, help="how long clips are sent")
+    parser.add_argument("--kill-every", type=float, default=180.0, help="seconds from one kill to the next; 0: none")
+    parser.add_argument("--out", type=Path, default=Path("out/soak"), help="folder for the logs and memory.csv")
+    options = parser.parse_args(arguments)
+    with rig(options.out) as graph:
+        graph.start(*NODES)
+        if not graph.wait_for_nodes(START_S):
+            print(f"soak: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
+            return 1
+        seen = soaked(graph, 60 * options.minutes, options.kill_every)
+        frames = sum(map(int, PUBLISHED.findall(graph.said("ingest_node"))))
+        sent = len(graph.clip)
+    write(seen, options.out / "memory.csv")
+    return 0 if summary(seen, frames, sent) else 1
+
+
+def soaked(graph: Rig, for_s: float, kill_every_s: float) -> Soak:
+    """Clips until the time is over."""
+    seen, turn, began = Soak(), cycle(KILLED), time.monotonic()
+    next_kill = began + kill_every_s if kill_every_s else float("inf")
+    while time.monotonic() - began < for_s:
+        told = graph.send(len(seen.clips))
+        seen.clips.append(told)
+        if time.monotonic() > next_kill:
+            seen.kills.append(name := next(turn))
+            seen.hit.add(told.number)
+            restarted(graph, name)
+            next_kill += kill_every_s
+        graph.spin(lambda told=told: told.whole, 30.0 if told.number in seen.hit else CLIP_S)
+        graph.spin(lambda: False, 2 * SILENCE_S)
+        for name, process in graph.running.items():
+            seen.memory.setdefault((name, process.pid), []).append(pss_mib(process.pid))
+        print(f"clip {told.number}: {'its own result' if told.whole else 'none'}{', ' + seen.kills[-1] + ' was killed' if told.number in seen.hit else ''}", flush=True)
+    return seen
+
+
+def restarted(graph: Rig, name: str) -> None:
+    """Kill a node and start it again; wait until it hears the camera where it must."""
+    ears = graph.ears()
+    graph.kill(name)
+    graph.start(name)
+    if name == "ingest_node":
+        graph.spin(lambda: len(graph.ears() - ears) >= 3, START_S)
+    graph.wait_for_nodes(START_S)
+
+
+def pss_mib(pid: int) -> float:
+    """Proportional set size of a process and its children [MiB]; 0 where it is gone."""
+    total = 0.0
+    for each in [pid, *children(pid)]:
+        try:
+            text = Path(f"/proc/{each}/smaps_rollup").read_text()
+        except OSError:
+            continue
+        total += sum(int(line.split()[1]) for line in text.splitlines() if line.startswith("Pss:")) / 1024
+    return total
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process started."""
+    try:
+        return [int(word) for task in Path(f"/proc/{pid}/task").iterdir() for word in (task / "children").read_text().split()]
+    except OSError:
+        return []
+
+
+def growth(values: list[float]) -> float:
+    """MiB per clip, once a process has settled."""
+    kept = values[SETTLED:]
+    return float(np.polyfit(np.arange(len(kept)), kept, 1)[0]) if len(kept) > SETTLED else 0.0
+
+
+def summary(seen: Soak, frames: int, per_clip: int) -> bool:
+    """Prints what came of it; whether all is well."""
+    lost = [told.number for told in seen.clips if not told.whole and told.number not in seen.hit]
+    took = [told.done_s - told.sent_s for told in seen.clips if told.done_s is not None and told.number not in seen.hit]
+    least = per_clip * sum(told.number not in seen.hit for told in seen.clips)
+    grown = {name: growth(values) for (name, pid), values in seen.memory.items()}
+    print(f"{len(seen.clips)} clips, {len(seen.kills)} kills ({', '.join(seen.kills) or 'none'}); {sum(told.whole for told in seen.clips)} have their own result; without one and without a kill: {lost or 'none'}")
+    if took:
+        print(f"from the first image to the end of the fit: median {np.median(took):.1f} s, longest {max(took):.1f} s")
+    print(f"{frames} frames were published, at least {least} were to be")
+    for name in NODES:
+        last = [values[-1] for (who, _), values in seen.memory.items() if who == name]
+        print(f"{name:14} {last[-1] if last else 0:6.0f} MiB at the end, {grown.get(name, 0.0):+.2f} MiB per clip")
+    return not lost and frames >= least and bool(seen.clips) and all(rate <= MOST_GROWTH_MIB for rate in grown.values())
+
+
+def write(seen: Soak, path: Path) -> None:
+    """PSS after every clip, a line a process."""
+    path.write_text("".join(f"{name},{pid},{','.join(f'{value:.1f}' for value in values)}\n" for (name, pid), values in seen.memory.items()))
+
+
+if __name__ == "__main__":
+    run(lambda: main(sys.argv[1:]))

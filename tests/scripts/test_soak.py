@@ -1,0 +1,54 @@
+"""Claims about what the soak makes of what it saw; `make soak` is the soak itself."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from tests.script import loaded
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+
+
+@pytest.fixture
+def soak(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    pytest.importorskip("rclpy")
+    monkeypatch.syspath_prepend(SCRIPTS)
+    return loaded(SCRIPTS / "soak.py")
+
+
+def seen(soak: ModuleType, *, whole: bool = True, hit: bool = False, memory: list[float] | None = None):
+    clip = SimpleNamespace(number=0, whole=whole, sent_s=1.0, done_s=3.0)
+    return soak.Soak([clip], {0} if hit else set(), ["fit_node"] if hit else [], {("fit_node", 1): memory or [100.0] * 9})
+
+
+@pytest.mark.parametrize(
+    ("case", "frames", "good"),
+    [
+        ({}, 36, True),
+        ({"whole": False}, 36, False),
+        ({"whole": False, "hit": True}, 0, True),
+        ({}, 35, False),
+        ({"memory": [100.0 + 10 * k for k in range(9)]}, 36, False),
+        ({"memory": [100.0, 300.0, 500.0, *[600.0] * 6]}, 36, True),
+    ],
+)
+def test_a_lost_clip_a_lost_frame_and_memory_that_grows_are_failures(soak, capsys, case, frames, good) -> None:
+    assert soak.summary(seen(soak, **case), frames, 36) is good
+    assert "1 clips" in capsys.readouterr().out
+
+
+def test_the_memory_of_children_counts(soak) -> None:
+    with subprocess.Popen([sys.executable, "-c", "held = bytearray(b'x') * (60 << 20); input()"], stdin=subprocess.PIPE, text=True) as child:
+        until = 200
+        while soak.pss_mib(child.pid) < 60 and (until := until - 1):
+            time.sleep(0.05)
+        assert child.pid in soak.children(os.getpid())
+        assert soak.pss_mib(child.pid) > 60
+        child.communicate("")
