@@ -22,11 +22,14 @@ from .convert import stamp_ns
 from .limits import MAX_FRAMES
 
 MOST_GRAVITY_M_S2 = 100.0
+SECOND_NS = 10**9
 LABEL_ENCODINGS = ("mono8", "8UC1")
 
 
 def check(topic: str, message: Any) -> None:
     """Raises InputError, naming the topic, where a message of clip/* cannot be part of a clip."""
+    if message.header.stamp.nanosec >= SECOND_NS:
+        raise InputError(f"topic {topic}: its stamp has {message.header.stamp.nanosec} ns beside the seconds, must be below {SECOND_NS}; stamp it with a time")
     _CHECKS[topic](message, topic)
 
 

@@ -134,6 +134,7 @@ BAD = {
     "clip/first_mask": [("must be mono8", lambda: image(np.zeros((2, 2, 3), np.uint8), "rgb8"))],
     MASK: [("must be mono8", lambda: image(np.zeros((2, 2, 3), np.uint8), "rgb8"))],
     "clip/camera_info": [
+        ("4000000000 ns beside the seconds", lambda: to_ros("sensor_msgs/msg/CameraInfo", {"header": {"stamp": {"sec": 2**31 - 1, "nanosec": 4 * 10**9}}, "width": 4, "height": 3})),
         ("K\\[0\\]", lambda: to_ros("sensor_msgs/msg/CameraInfo", {"header": HEAD, "width": 4, "height": 3})),
         ("not finite", lambda: to_ros("sensor_msgs/msg/CameraInfo", {"header": HEAD, "width": 4, "height": 3, "k": np.full(9, np.nan)})),
     ],
