@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -38,4 +39,4 @@ def test_a_soak_in_which_a_node_is_killed_loses_no_clip_and_no_frame(tmp_path: P
     done = script("soak.py", "--minutes", "0.5", "--kill-every", "12", "--out", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     assert "without one and without a kill: none" in done.stdout
-    assert "segment_node" in done.stdout.splitlines()[-7]  # was killed
+    assert re.search(r"[1-9] kills \(segment_node", done.stdout)
