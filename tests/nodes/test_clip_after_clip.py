@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -33,10 +32,3 @@ def test_after_a_kill_the_next_clip_has_its_own_result(tmp_path: Path) -> None:
     done = script("kills.py", "--nodes", "segment_node+fit_node", "--moments", "fit", "--out", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("its own result") == 2
-
-
-def test_a_soak_in_which_a_node_is_killed_loses_no_clip_and_no_frame(tmp_path: Path) -> None:
-    done = script("soak.py", "--minutes", "0.5", "--kill-every", "12", "--out", str(tmp_path))
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "without one and without a kill: none" in done.stdout
-    assert re.search(r"[1-9] kills \(segment_node", done.stdout)
