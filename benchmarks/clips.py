@@ -20,6 +20,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from notes import refilled
+
 from diffphys_ros.batch import Status, read_status
 from diffphys_ros.batch.key import program
 from diffphys_ros.batch.summary import number
@@ -136,13 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     except InputError as error:
         print(f"clips: {error}", file=sys.stderr)
         return 2
-    changed = [(path, text) for path in documents() if (text := filled(path.read_text())) != path.read_text()]
-    if options.check:
-        return 1 if changed else 0
-    for path, text in changed:
-        path.write_text(text)
-        print(f"tables in {path}")
-    return 0
+    return refilled(documents(), filled, check=options.check)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.nodes import middleware
+from diffphys_ros.nodes.memory import children, resident_mib_of
 
 CODE = "from diffphys_ros.nodes.executables import fit_node; fit_node()"
 LOOK_S, WATCHED_S = 0.1, 15.0
@@ -94,15 +95,7 @@ def watch(pid: int) -> None:
 
 def resident_mib(pid: int) -> tuple[float, float]:
     """Of the node, and of its children."""
-    children = [int(child) for listing in Path(f"/proc/{pid}/task").glob("*/children") for child in listing.read_text().split()]
-    return _resident_mib(pid), sum(map(_resident_mib, children))
-
-
-def _resident_mib(pid: int) -> float:
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
-    except OSError:
-        return 0.0
+    return resident_mib_of(pid), sum(map(resident_mib_of, children(pid)))
 
 
 def busy_s(pid: int) -> float:

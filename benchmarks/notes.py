@@ -262,15 +262,20 @@ def filled(text: str) -> str:
     return re.sub(r"<!-- rows (.+?) -->.*?<!-- end rows \1 -->", made, text, flags=re.S)
 
 
-def main() -> int:
-    """Writes tables, or only says whether they are those of the rows; returns the exit status."""
-    changed = [(path, text) for path in sorted(NOTES.glob("*.md")) if (text := filled(path.read_text())) != path.read_text()]
-    if "--check" in sys.argv[1:]:
+def refilled(pages: Iterable[Path], fill: Callable[[str], str], *, check: bool) -> int:
+    """Writes what `fill` makes of pages, or only looks whether that would change any; returns the exit status."""
+    changed = [(path, text) for path in pages if (text := fill(path.read_text())) != path.read_text()]
+    if check:
         return 1 if changed else 0
     for path, text in changed:
         path.write_text(text)
         print(f"tables in {path}")
     return 0
+
+
+def main() -> int:
+    """Writes tables, or only says whether they are those of the rows; returns the exit status."""
+    return refilled(sorted(NOTES.glob("*.md")), filled, check="--check" in sys.argv[1:])
 
 
 if __name__ == "__main__":

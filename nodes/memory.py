@@ -13,11 +13,16 @@ _PAGE_MIB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 def resident_mib() -> float:
     """What this process and its children hold now [MiB]."""
-    pids = ["self"]
-    for listing in Path("/proc/self/task").glob("*/children"):
+    return sum(map(resident_mib_of, ("self", *children("self"))))
+
+
+def children(pid: int | str) -> list[str]:
+    """Processes that a process has started."""
+    found: list[str] = []
+    for listing in Path(f"/proc/{pid}/task").glob("*/children"):
         with suppress(OSError):  # the thread has ended
-            pids += listing.read_text().split()
-    return sum(map(_resident_mib, pids))
+            found += listing.read_text().split()
+    return found
 
 
 def give_back() -> None:
@@ -27,7 +32,8 @@ def give_back() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def _resident_mib(pid: str) -> float:
-    with suppress(OSError):  # it has ended
+def resident_mib_of(pid: int | str) -> float:
+    """What a process holds, without its children [MiB]; 0 where it has ended."""
+    with suppress(OSError):
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_MIB
     return 0.0

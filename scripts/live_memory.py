@@ -17,10 +17,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from clip_rig import NODES, PROFILE
-from processes import environment, node, run, stop
+from clip_rig import NODES
+from processes import environment, node, pss_mib, run, stop
 
 from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
 
 WIDTH, HEIGHT, HZ = 640, 480, 30
 FOCAL_PX, DISTANCE_M = 600.0, 0.5
@@ -57,7 +58,7 @@ def main(arguments: list[str]) -> int:
     own = {"ingest_node": {"clip.trigger": "manual", "reliability": "reliable"}, "inspect_node": {"file": options.out / "all.rrd"}}
     commands = {name: node(name, own.get(name, {}) | {"config": given}) for name in NODES}
     commands["camera"] = [sys.executable, __file__, "--camera", "--slow", str(options.slow)]
-    env = environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE)}
+    env = environment() | {VARIABLE: str(PROFILE)}
     running: dict[str, subprocess.Popen] = {}
     try:
         for name, command in commands.items():
@@ -106,16 +107,7 @@ def call(service: str, kind: str, options: argparse.Namespace) -> None:
         f"c = n.create_client(k, {service!r}); c.wait_for_service(20); f = c.call_async(r); rclpy.spin_until_future_complete(n, f, timeout_sec=20); print(f.result(), flush=True)"
     )
     with (options.out / "calls.log").open("a") as log:
-        subprocess.Popen([sys.executable, "-c", code], stdout=log, stderr=subprocess.STDOUT, env=environment() | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE)})
-
-
-def pss_mib(pid: int) -> float:
-    """Proportional set size of a process; 0 where it is gone."""
-    try:
-        rows = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    except OSError:
-        return 0.0
-    return next((int(row.split()[1]) / 1024 for row in rows if row.startswith("Pss:")), 0.0)
+        subprocess.Popen([sys.executable, "-c", code], stdout=log, stderr=subprocess.STDOUT, env=environment() | {VARIABLE: str(PROFILE)})
 
 
 def shared_mib(pids: list[int]) -> float:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from clip_rig import NODES, SILENCE_S, Rig, Told, rig
-from processes import run
+from processes import pss_mib, run
 
 START_S, CLIP_S = 120.0, 300.0  # longest waits
 KILLED = ("segment_node", "fit_node", "splat_node", "ingest_node")  # in turn
@@ -83,26 +83,6 @@ def restarted(graph: Rig, name: str) -> None:
     if name == "ingest_node":
         graph.spin(lambda: len(graph.ears() - ears) >= 3, START_S)
     graph.wait_for_nodes(START_S)
-
-
-def pss_mib(pid: int) -> float:
-    """Proportional set size of a process and its children [MiB]; 0 where it is gone."""
-    total = 0.0
-    for each in [pid, *children(pid)]:
-        try:
-            text = Path(f"/proc/{each}/smaps_rollup").read_text()
-        except OSError:
-            continue
-        total += sum(int(line.split()[1]) for line in text.splitlines() if line.startswith("Pss:")) / 1024
-    return total
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process started."""
-    try:
-        return [int(word) for task in Path(f"/proc/{pid}/task").iterdir() for word in (task / "children").read_text().split()]
-    except OSError:
-        return []
 
 
 def growth(values: list[float]) -> float:
