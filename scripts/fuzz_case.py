@@ -126,8 +126,7 @@ def work(case: Case, seeds: Sequence[int], slots: memoryview, faults: int, root:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (limits.file, limits.file))
     place.enter()
-    gc.collect()
-    gc.freeze()  # what the parent left is no case's to free
+    gc.freeze()  # what the parent left, garbage too, is no case's to free
     watch, memory = Watch(place), Memory(limits)
     while slots[AT] < len(seeds):
         seed = seeds[slots[AT]]
@@ -201,7 +200,7 @@ def _status() -> dict[str, int]:
 
 def _own(status: dict[str, int]) -> int:
     """Bytes that no file can give back; pages of libraries come and go with the memory that the machine has left."""
-    return status["RssAnon"] + status["RssShmem"] + status["VmSwap"]
+    return status.get("RssAnon", status["VmRSS"]) + status.get("RssShmem", 0) + status.get("VmSwap", 0)
 
 
 def _told(error: BaseException) -> str:
