@@ -58,9 +58,14 @@ def depth_loss(rendered: torch.Tensor, observed: torch.Tensor, mask: torch.Tenso
 
     Squared error for errors below scale_m, 2 * scale_m * |error| far above.
     """
-    known = mask & torch.isfinite(observed) & (observed > 0)
+    known = known_depth(observed, mask)
     error = torch.where(known, rendered - torch.nan_to_num(observed), 0.0)
     return 2 * scale_m**2 * (torch.sqrt(1 + (error / scale_m) ** 2) - 1).sum() / known.sum().clamp_min(1)
+
+
+def known_depth(observed: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Where in a mask (..., H, W) a depth was observed."""
+    return mask & torch.isfinite(observed) & (observed > 0)
 
 
 def psnr_masked(rendered: Image, observed: Image, mask: Image) -> float:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from scipy.ndimage import binary_erosion
+from torch.utils.checkpoint import checkpoint
 
 from ...inpaint import scene_behind
-from ...metrics.image import depth_loss, image_loss
+from ...metrics.image import depth_loss, image_loss, known_depth
 from ...render import window_around
 from ...types import Clip, object_mask
 from ..carried import CarriedGaussians
@@ -19,6 +22,7 @@ BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what
 TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
+AT_ONCE = 500_000  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on the way back
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
@@ -44,6 +48,15 @@ def pixel_evidence(told: Told) -> Evidence | None:
         return {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
 
     return misfit
+
+
+class _Misfits(NamedTuple):
+    """Of some frames: the mean misfit of an object's pixel and of a depth [m^2], and over how many of them."""
+
+    image: torch.Tensor
+    pixels: torch.Tensor
+    depth: torch.Tensor
+    measured: torch.Tensor
 
 
 class ImageTerm:
@@ -78,26 +91,36 @@ class ImageTerm:
         still = x0.detach()[None].expand(len(self.frames), *x0.shape)
         unit = torch.eye(3, dtype=x0.dtype, device=x0.device).expand(*still.shape[:2], 3, 3)
         with torch.no_grad():
-            self.frozen = max(float(self._image(*self._rendered(still, x0, unit)[:1])), 1e-12)
+            self.frozen = max(float(self._misfits(still, x0, unit, 1.0).image), 1e-12)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor, mean_square: float) -> tuple[torch.Tensor, torch.Tensor]:
         """Image and depth term of particles x (T, P, 3) [m], F (T, P, 3, 3) since frame 0, body frame; `mean_square` of the observed
         motion [m^2]. The latter is 0 where the clip has no depth."""
-        image, _, depth = self._rendered(x[self.frames], x[0], F[self.frames])
-        return 0.5 * self.overlap * self._image(image) / self.frozen, self._depth(depth, mean_square)
+        found = self._misfits(x[self.frames], x[0], F[self.frames], mean_square)
+        return 0.5 * self.overlap * found.image / self.frozen, 0.5 * found.depth / mean_square
 
-    def _rendered(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        return self.renderer.render(x, x0, F, self.window)
+    def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
+        """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""
+        size = max(1, AT_ONCE // len(self.renderer.mean))
+        spans = [slice(first, first + size) for first in range(0, len(x), size)]
+        if len(spans) == 1:
+            return self._of(spans[0], x, x0, F, mean_square)
+        parts = [_Misfits(*checkpoint(self._of, span, x[span], x0, F[span], mean_square, use_reentrant=False)) for span in spans]
+        image = sum((p.image * p.pixels for p in parts), torch.zeros((), device=x.device)) / self.mask.sum().clamp_min(1)
+        measured = sum((p.measured for p in parts), torch.zeros((), device=x.device))
+        depth = sum((p.depth * p.measured for p in parts), torch.zeros((), device=x.device)) / measured.clamp_min(1)
+        return _Misfits(image, self.mask.sum(), depth, measured)
 
-    def _image(self, image: torch.Tensor) -> torch.Tensor:
-        return image_loss(image, self.observed, self.mask, ssim_weight=self.ssim_weight)
-
-    def _depth(self, depth: torch.Tensor, mean_square: float) -> torch.Tensor:
-        """Gross errors are left out: there the pixel shows something else than the mask says."""
+    def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
+        """Of a few of the chosen frames. Gross errors of depth are left out: there the pixel shows something else than the mask says."""
+        image, _, depth = self.renderer.render(x, x0, F, self.window)
+        mask = self.mask[span]
+        colours = image_loss(image, self.observed[span], mask, ssim_weight=self.ssim_weight)
         if self.depth is None:
-            return torch.zeros((), device=depth.device)
-        near = (depth.detach() - self.depth).abs() < GROSS * mean_square**0.5
-        return 0.5 * depth_loss(depth, self.depth, self.interior & near) / mean_square
+            return _Misfits(colours, mask.sum(), *torch.zeros(2, device=depth.device))
+        near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
+        known = known_depth(self.depth[span], self.interior[span] & near)
+        return _Misfits(colours, mask.sum(), depth_loss(depth, self.depth[span], known), known.sum())
 
 
 def _rms_motion_px(prepared: Prepared) -> float:
