@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import replace
-from typing import Any
+from collections.abc import Generator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from diffphys_ros import config
 from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
@@ -21,6 +19,9 @@ from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
+
+if TYPE_CHECKING:
+    from diffphys_ros.segment import Mark
 
 CLICK, FIRST_MASK = "click", "first_mask"
 OWN = (Own("wait_for", "", "what to wait for before a clip is labelled, beside the clip itself: click, first_mask; empty: nothing", ("", CLICK, FIRST_MASK)),)
@@ -70,14 +71,10 @@ class SegmentNode(ClipStage):
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed(in_world((yield from assembled(buffer)), settings), settings), settings
-            if CLICK in told:
-                chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
-            if FIRST_MASK in told:
-                clip = replace(clip, first_labels=labels_of(told[FIRST_MASK], FIRST_MASK))
-                chosen = changed(chosen, {"scene.first_mask": None, "segment.method": "given"})
+            clip = placed(in_world((yield from assembled(buffer)), settings), settings)
+            mark = mark_of(told, clip.camera)
             yield f"labelling {len(clip)} frames"
-            return list(mask_messages(clip.with_labels(label_clip(clip, chosen)), slot_stamps(clip, buffer.stamps())))
+            return list(mask_messages(clip.with_labels(label_clip(clip, settings, mark)), slot_stamps(clip, buffer.stamps())))
 
         return label
 
@@ -91,9 +88,14 @@ class SegmentNode(ClipStage):
         self.get_logger().info(f"published {len(masks)} label images")
 
 
-def changed(settings: config.Settings, values: dict[str, Any]) -> config.Settings:
-    """Settings with some values in place of theirs, checked. Raises InputError."""
-    return config.build(config.flat(settings) | values, f"topics {CLICK} and {FIRST_MASK}")
+def mark_of(told: Mapping[str, Any], camera: Camera) -> Mark:
+    """What the messages of CLICK and FIRST_MASK mark in frame 0; either may be missing. Raises InputError."""
+    from diffphys_ros.segment import Mark
+
+    return Mark(
+        point=pixel_of(told[CLICK], camera) if CLICK in told else None,
+        labels=labels_of(told[FIRST_MASK], FIRST_MASK) if FIRST_MASK in told else None,
+    )
 
 
 def place_of(click: Any) -> np.ndarray:

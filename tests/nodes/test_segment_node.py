@@ -109,6 +109,26 @@ def test_a_mask_from_a_topic_is_the_object(make_node, two_blocks) -> None:
     assert np.array_equal(node.published[0] > 0, mask > 0)
 
 
+@pytest.mark.parametrize("what", [CLICK, FIRST_MASK])
+def test_what_is_clicked_or_masked_reaches_segmentation_beside_the_settings_that_a_person_set(make_node, two_blocks, monkeypatch, what) -> None:
+    got = []
+    monkeypatch.setattr("diffphys_ros.segment.label_clip", lambda clip, settings, mark: got.append((clip, settings, mark)) or np.zeros(clip.frames.shape[:3], np.uint8))
+    node = make_node(Watched, wait_for=what, segment__point_px="[60.0, 70.0]", segment__method="otsu")
+    feed(node, two_blocks)
+    mask = np.full((96, 128), 255, np.uint8)
+    node.tell(what, click_at(62, 28) if what == CLICK else to_ros("sensor_msgs/msg/Image", messages.image(messages.header(0), mask, "mono8")))
+    spin(node, lambda: node.published or node.failure)
+    ((clip, settings, mark),) = got
+    assert settings == node.parameters.settings()
+    assert (settings.segment.point_px, settings.segment.method) == ([60.0, 70.0], "otsu")
+    assert clip.first_labels is None
+    if what == CLICK:
+        assert (mark.point.tolist(), mark.labels) == ([62, 28], None)
+    else:
+        assert mark.point is None
+        assert np.array_equal(mark.labels, mask)
+
+
 def test_a_click_beside_every_object_is_answered_with_a_sentence(make_node, two_blocks) -> None:
     node = make_node(Watched, wait_for=CLICK)
     feed(node, two_blocks)
