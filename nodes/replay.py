@@ -63,12 +63,13 @@ def _options() -> argparse.Namespace:
 
 
 def _player(node: Any, options: argparse.Namespace) -> Any:
-    from diffphys_ros.nodes.player import Part, Player, inputs, static_links
+    from diffphys_ros.nodes.camera_bag import inputs, static_trees
+    from diffphys_ros.nodes.player import Part, Player
 
     names = None
     if options.inputs:
         names = inputs(options.bag, Topics(mask=options.mask))
-        _tell_pose(node, static_links(options.bag))
+        _tell_pose(node, [link for tree in static_trees(options.bag) for link in tree.transforms])
     return Player(node, options.bag, Part(options.rate, options.loop, options.start, options.duration), names=names)
 
 
