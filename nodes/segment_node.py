@@ -38,6 +38,7 @@ class SegmentNode(ClipStage):
     def configure(self) -> None:
         super().configure()
         self.wait_for = self.parameters["wait_for"]
+        self.names = {what: self.resolve_topic_name(what) for what in (CLICK, FIRST_MASK)}
 
     def activate(self) -> None:
         super().activate()
@@ -49,16 +50,16 @@ class SegmentNode(ClipStage):
         """A person, or another node, says what the object in frame 0 is; the last word counts."""
         self.note_input()
         if what == FIRST_MASK:
-            check_labels(message, FIRST_MASK)
+            check_labels(message, self.names[what])
         else:
-            place_of(message)
+            place_of(message, self.names[what])
         self.told = {what: message}
         self.work_again(f"{what} came")
         self.begin()
 
     def waiting_for(self) -> str:
         wanted = self.wait_for
-        return super().waiting_for() or (wanted if wanted and wanted not in self.told and not self.complete else "")
+        return super().waiting_for() or (self.names[wanted] if wanted and wanted not in self.told and not self.complete else "")
 
     def renew(self) -> None:
         super().renew()
@@ -72,7 +73,7 @@ class SegmentNode(ClipStage):
             from diffphys_ros.segment import label_clip
 
             clip = placed(in_world((yield from assembled(buffer)), settings), settings)
-            mark = mark_of(told, clip.camera)
+            mark = mark_of(told, clip.camera, self.names)
             yield f"labelling {len(clip)} frames"
             return list(mask_messages(clip.with_labels(label_clip(clip, settings, mark)), slot_stamps(clip, buffer.stamps())))
 
@@ -88,40 +89,40 @@ class SegmentNode(ClipStage):
         self.get_logger().info(f"published {len(masks)} label images")
 
 
-def mark_of(told: Mapping[str, Any], camera: Camera) -> Mark:
-    """What the messages of CLICK and FIRST_MASK mark in frame 0; either may be missing. Raises InputError."""
+def mark_of(told: Mapping[str, Any], camera: Camera, names: Mapping[str, str]) -> Mark:
+    """What the messages of CLICK and FIRST_MASK mark in frame 0; either may be missing. Raises InputError with the topic's resolved name."""
     from diffphys_ros.segment import Mark
 
     return Mark(
-        point=pixel_of(told[CLICK], camera) if CLICK in told else None,
-        labels=labels_of(told[FIRST_MASK], FIRST_MASK) if FIRST_MASK in told else None,
+        point=pixel_of(told[CLICK], camera, names[CLICK]) if CLICK in told else None,
+        labels=labels_of(told[FIRST_MASK], names[FIRST_MASK]) if FIRST_MASK in told else None,
     )
 
 
-def place_of(click: Any) -> np.ndarray:
+def place_of(click: Any, topic: str = CLICK) -> np.ndarray:
     """The point of a geometry_msgs/PointStamped (3,). Raises InputError where it is not finite."""
     point = np.array([click.point.x, click.point.y, click.point.z])
     if not np.isfinite(point).all():
-        raise InputError(f"topic {CLICK}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
+        raise InputError(f"topic {topic}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
     return point
 
 
-def pixel_of(click: Any, camera: Camera) -> np.ndarray:
+def pixel_of(click: Any, camera: Camera, topic: str = CLICK) -> np.ndarray:
     """Where a geometry_msgs/PointStamped lies in the image (2,) [px].
 
     In the camera's frame (or without a frame) a point with z = 0 is a pixel u, v, as image viewers send it; one with z > 0 is a point [m],
     as is one in the world frame. Raises InputError for another frame and for points that the camera does not see.
     """
-    point, frame = place_of(click), click.header.frame_id
+    point, frame = place_of(click, topic), click.header.frame_id
     if frame in ("", camera.frame_id):
         if point[2] == 0:
             return point[:2]
         point = camera.world_from_camera[:3, :3] @ point + camera.position
     elif frame != camera.world_frame_id:
         known = " or ".join(short(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
-        raise InputError(f"topic {CLICK}: a point in frame {short(frame)}, must be in {known}; transform it")
+        raise InputError(f"topic {topic}: a point in frame {short(frame)}, must be in {known}; transform it")
     with np.errstate(all="ignore"):
         pixel, depth = camera.project(point)
     if depth <= 0 or not np.isfinite(pixel).all():
-        raise InputError(f"topic {CLICK}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
+        raise InputError(f"topic {topic}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
     return pixel
