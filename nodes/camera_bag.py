@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from diffphys_ros.bags.storage import open_bag
-from diffphys_ros.bags.topics import COMPRESSED, choose_topics, image_topics
-from diffphys_ros.bags.transforms import STATIC
+from diffphys_ros.bags.storage import open_bag, read_message
+from diffphys_ros.bags.topics import COMPRESSED, choose_imu, choose_topics, depth_info, image_topics
+from diffphys_ros.bags.transforms import MOVING, STATIC
 from diffphys_ros.config import Topics
 from diffphys_ros.errors import InputError, listed, short, shown
-from diffphys_ros.msg_schemas.topics import STATIC_TREE
+from diffphys_ros.msg_schemas.topics import STATIC_TREE, TREE
 
-from .beside import COLOUR_INFO
+from .beside import COLOUR_INFO, DEPTH_INFO, IMU
 from .camera_topics import IMAGE, MASK, PRESSED, Take
 from .convert import message_class
-from .intake import DEPTH
+from .intake import DEPTH, PRESSED_DEPTH
 from .player import Part, Player
 from .stage import StageNode
 
 
-def play(node: StageNode, path: Path, part: Part, topics: Topics, take: Take, ended: Callable[[bool], None]) -> Player:
-    """What plays a recording when it is started; `take` gets what a camera sent of it. Raises InputError as Player and `inputs`."""
-    names = inputs(path, topics)
+def play(node: StageNode, path: Path, part: Part, names: Mapping[str, str], take: Take, ended: Callable[[bool], None]) -> Player:
+    """What plays a recording when it is started; `take` gets what a camera sent of it, by the `names` of `inputs`. Its static transforms hold from
+    the beginning, whenever they were sent. Raises InputError as Player."""
     for tree in static_trees(path):
         take(STATIC, tree)
 
@@ -37,13 +37,15 @@ def play(node: StageNode, path: Path, part: Part, topics: Topics, take: Take, en
 
 
 def inputs(path: Path, topics: Topics) -> dict[str, str]:
-    """Which topics of a recording are a camera's: {as recorded: as ingest_node has it}. Raises InputError as bags.topics.choose_topics,
-    and for a mask that is not there."""
+    """Which topics of a recording are a camera's, or beside it: {as recorded: as ingest_node has it}, those that bags.read takes; static transforms
+    come from `static_trees`. Raises InputError as bags.topics.choose_topics, and for a mask or an IMU that is not there."""
     with open_bag(path) as bag:
         image, depth, info = choose_topics(bag, topics, shown(path))
         if topics.mask is not None and topics.mask not in image_topics(bag):
             raise InputError(f"{shown(path)}: topics.mask is {short(topics.mask)}, must be one of {listed(sorted(image_topics(bag)), 4)}")
-        found = {image: PRESSED if bag.types[image] == COMPRESSED else IMAGE, depth: DEPTH, info: COLOUR_INFO, topics.mask: MASK}
+        found = {image: PRESSED if bag.types[image] == COMPRESSED else IMAGE, info: COLOUR_INFO, topics.mask: MASK}
+        found |= {depth: PRESSED_DEPTH if depth and bag.types[depth] == COMPRESSED else DEPTH, depth_info(bag, depth, image): DEPTH_INFO}
+        found |= {choose_imu(bag, topics, shown(path)): IMU, MOVING if bag.types.get(MOVING) == TREE else None: MOVING}
     return {topic: name for topic, name in found.items() if topic}
 
 
@@ -55,6 +57,6 @@ def static_trees(path: Path) -> list[Any]:
 
 def _message(topic: str, kind: str, raw: bytes) -> Any:
     try:
-        return deserialize_message(raw, message_class(kind))
+        return read_message(kind, raw) if kind == TREE else deserialize_message(raw, message_class(kind))  # tf2_msgs is in no wheel
     except Exception as error:
         raise InputError(f"topic {topic}: a message that cannot be read; record it again") from error

@@ -221,7 +221,10 @@ class IngestNode(StageNode):
         if not part.rate:
             self._start(partial(clip_job.read, self.parameters["bag"], self.parameters.settings(), part, self._hand))
             return
-        self.player = camera_bag.play(self, Path(self.parameters["bag"]), part, self.parameters.settings().topics, self.take, self._on_played)
+        path = Path(self.parameters["bag"])
+        names = camera_bag.inputs(path, self.parameters.settings().topics)
+        self.beside.rename({name: topic for topic, name in names.items()})
+        self.player = camera_bag.play(self, path, part, names, self.take, self._on_played)
         self._attend()
         self.player.start()
 

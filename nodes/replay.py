@@ -1,8 +1,8 @@
 """Plays a recording without `ros2 bag`: `python -m diffphys_ros.nodes.replay clip.mcap [--rate 1] [--loop] [--start 0] [--duration 0]`.
 
 Topics, qualities of service and pace are those of the recording, with /clock. With `--inputs` it stands in for a camera driver: colour, depth,
-camera_info and, with `--mask TOPIC`, label images come under the names that ingest_node listens to, the camera's static transforms on
-`camera_pose`, and it begins when all of them are heard. It stays at the end, so that what is latched can be had, until a signal comes.
+their camera_info, an IMU, /tf and, with `--mask TOPIC`, label images come under the names that ingest_node listens to, the static transforms
+on `camera_pose`, and it begins when all of them are heard. It stays at the end, so that what is latched can be had, until a signal comes.
 """
 
 from __future__ import annotations
