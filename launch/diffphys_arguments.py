@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
+import atexit
+import tempfile
+from pathlib import Path
 from typing import Any, NamedTuple
+
+import yaml
 
 YES = ("true", "1", "yes", "on")
 
@@ -98,6 +103,15 @@ def parameters(launch: str, node: str, given: dict[str, str]) -> dict[str, Any]:
         elif value != each.default:
             found[parameter] = each.kind(value)
     return found
+
+
+def file_of_all(launch: str, nodes: list[str], given: dict[str, str]) -> str:
+    """A ROS file of the parameters of several nodes, which is there until the launch ends: the nodes read it when they start."""
+    text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": own} for name in nodes if (own := parameters(launch, name, given))})
+    with tempfile.NamedTemporaryFile("w", prefix="diffphys_ros_", suffix=".yaml", delete=False) as file:
+        atexit.register(Path(file.name).unlink, missing_ok=True)
+        file.write(text)
+    return file.name
 
 
 def renamed(given: dict[str, str]) -> list[tuple[str, str]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
-import yaml
-from diffphys_arguments import ARGUMENTS, GETS, SHOWN, parameters, said
+from diffphys_arguments import ARGUMENTS, GETS, SHOWN, file_of_all, parameters, said
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -46,15 +44,12 @@ def node(launch: str, name: str, given: dict[str, str], **more: Any) -> Node:
 
 def one_process(launch: str, names: list[str], given: dict[str, str], **more: Any) -> Node:
     """These nodes in one process."""
-    text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": own} for name in names if (own := parameters(launch, name, given))})
-    with tempfile.NamedTemporaryFile("w", prefix="diffphys_ros_", suffix=".yaml", delete=False) as file:
-        file.write(text)
     return Node(
         package="diffphys_ros",
         executable="graph",
         namespace=given["namespace"],
         arguments=[word for name in GETS[launch] if name not in names for word in ("--without", name)],
-        parameters=[*files(given), file.name],
+        parameters=[*files(given), file_of_all(launch, names, given)],
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
         on_exit=[Shutdown(reason="the nodes have ended")],

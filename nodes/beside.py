@@ -40,6 +40,10 @@ class Beside:
         """A topic's resolved name."""
         return self.names.get(topic, topic)
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """These topics have other names from here on."""
+        self.names = {**self.names, **names}
+
     def infos(self, topic: str) -> list[tuple[int, Any]]:
         """(stamp [ns] of the image after which it came, CameraInfo) of the different ones of a topic, in the order of these stamps: when a
         driver fills in its header says less of when the node could know."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,7 +21,7 @@ from .limits import MAX_FRAMES, MAX_MIB, MIB
 SOURCE = "topics clip/*"
 INFO, POSE, GRAVITY, FIRST_MASK, END, MASK = "clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/end", "clip/mask"
 IMAGE, DEPTH = "clip/image", "clip/depth"
-OVERFULL = f"{INFO} of another clip, for this one was too large"
+OVERFULL = "of another clip, for this one was too large"
 MOST_SINGLES = 16  # messages kept of topics that have one per clip: those of the clips before and after may come in any order
 
 
@@ -34,6 +35,7 @@ class ClipBuffer:
 
     max_bytes: int = MAX_MIB.default * MIB
     first_alone: bool = False  # whether the pixels of frame 0 are all that is wanted of the images
+    names: Mapping[str, str] = field(default_factory=dict)  # resolved names of the topics, for people
     info: Any = None
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
     depths: dict[int, Any] = field(default_factory=dict)
@@ -52,7 +54,7 @@ class ClipBuffer:
 
         Raises InputError for a message that cannot be part of a clip, and for one that would make it too large.
         """
-        check(topic, message)
+        check(topic, message, self.name(topic))
         another = False
         if topic == INFO:
             another = self._open(message, sent_ns)
@@ -64,6 +66,10 @@ class ClipBuffer:
             self._keep_single(topic, message, sent_ns)
         self._look_for_masks()
         return another
+
+    def name(self, topic: str) -> str:
+        """A topic's resolved name."""
+        return self.names.get(topic, topic)
 
     @property
     def id(self) -> int | None:
@@ -88,19 +94,19 @@ class ClipBuffer:
     def missing(self, *, masks: bool) -> str:
         """What is still to come, in words; empty where the clip is complete."""
         if self.overfull:
-            return OVERFULL
+            return f"{self.name(INFO)} {OVERFULL}"
         for topic, there in ((IMAGE, self.images or self.whole), (END, self.single(END) or (self.info is None and any(t == END for t, _ in self.singles))), (INFO, self.info)):
             if not there:
-                return topic
+                return self.name(topic)
         frames = len(self._frames())
         if self.whole is None and frames < len(self.announced):
-            return f"{IMAGE} (all {len(self.announced)} that {END} announced, of {self.info.width}x{self.info.height} px; {frames} came)"
+            return f"{self.name(IMAGE)} (all {len(self.announced)} that {self.name(END)} announced, of {self.info.width}x{self.info.height} px; {frames} came)"
         for topic in (POSE, GRAVITY, FIRST_MASK):
             if self.single(topic) is None:
-                return topic
+                return self.name(topic)
         if self.whole is None and not self._without_depth and any(stamp not in self.depths for stamp in self.announced):
-            return DEPTH
-        return MASK if masks and not self.masks and self._slots() else ""
+            return self.name(DEPTH)
+        return self.name(MASK) if masks and not self.masks and self._slots() else ""
 
     def clip(self) -> Clip:
         """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
@@ -129,7 +135,7 @@ class ClipBuffer:
         clip = replace(assemble(images, depths, camera, SOURCE), gravity=gravity_of(self.single(GRAVITY)))
         first_mask = self.single(FIRST_MASK)
         if first_mask.height:
-            clip = replace(clip, first_labels=labels_of(first_mask, FIRST_MASK))
+            clip = replace(clip, first_labels=labels_of(first_mask, self.name(FIRST_MASK)))
         return clip
 
     def stamps(self) -> np.ndarray:
@@ -138,7 +144,7 @@ class ClipBuffer:
 
     def first_labels_crc(self) -> int:
         """CRC-32 of the mask of frame 0: what Gaussians of this clip were fitted in. Masks must be there."""
-        return zlib.crc32(labels_of(self.masks[self.announced[0]], MASK).tobytes())
+        return zlib.crc32(labels_of(self.masks[self.announced[0]], self.name(MASK)).tobytes())
 
     def copy(self) -> ClipBuffer:
         """The same messages, for a thread that must not see later ones."""
@@ -175,7 +181,7 @@ class ClipBuffer:
             self._let_go()
             self.overfull = True
             raise InputError(
-                f"topic {topic}: the clip has over {MAX_FRAMES} messages or {self.max_bytes // MIB} MiB and is dropped; publish a shorter "
+                f"topic {self.name(topic)}: the clip has over {MAX_FRAMES} messages or {self.max_bytes // MIB} MiB and is dropped; publish a shorter "
                 "or smaller one, or raise the parameter max_mib"
             )
         kept[stamp], self.bytes = message, size
@@ -229,10 +235,10 @@ class ClipBuffer:
         return {s: m for s, m in there if (m.width, m.height) == (self.info.width, self.info.height)}
 
     def _labels(self, clip: Clip) -> np.ndarray:
-        labels, size = [labels_of(self.masks[stamp], MASK) for stamp in sorted(self.masks)[: len(clip)]], clip.frames.shape[1:3]
+        labels, size = [labels_of(self.masks[stamp], self.name(MASK)) for stamp in sorted(self.masks)[: len(clip)]], clip.frames.shape[1:3]
         odd = next((each for each in labels if each.shape != size), None)
         if odd is not None:
-            raise InputError(f"topic {MASK}: a mask has {odd.shape[1]}x{odd.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
+            raise InputError(f"topic {self.name(MASK)}: a mask has {odd.shape[1]}x{odd.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
         return np.stack(labels)
 
     @property

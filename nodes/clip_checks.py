@@ -26,11 +26,11 @@ SECOND_NS = 10**9
 LABEL_ENCODINGS = ("mono8", "8UC1")
 
 
-def check(topic: str, message: Any) -> None:
-    """Raises InputError, naming the topic, where a message of clip/* cannot be part of a clip."""
+def check(topic: str, message: Any, name: str) -> None:
+    """Raises InputError, with the resolved name of the topic, where a message of clip/* cannot be part of a clip."""
     if message.header.stamp.nanosec >= SECOND_NS:
-        raise InputError(f"topic {topic}: its stamp has {message.header.stamp.nanosec} ns beside the seconds, must be below {SECOND_NS}; stamp it with a time")
-    _CHECKS[topic](message, topic)
+        raise InputError(f"topic {name}: its stamp has {message.header.stamp.nanosec} ns beside the seconds, must be below {SECOND_NS}; stamp it with a time")
+    _CHECKS[topic](message, name)
 
 
 def check_colour(message: Any, topic: str) -> None:
@@ -129,7 +129,7 @@ def _check_info(message: Any, topic: str) -> None:
     except InputError as error:
         raise InputError(f"topic {topic}: {error}") from error
     if not message.width or not message.height:
-        raise InputError(f"topic {topic}: is for {message.width}x{message.height} px, must be for the size of clip/image; fill in width and height")
+        raise InputError(f"topic {topic}: is for {message.width}x{message.height} px, must be for the size of the clip's images; fill in width and height")
 
 
 def _check_pose(message: Any, topic: str) -> None:
@@ -147,10 +147,10 @@ def _check_gravity(message: Any, topic: str) -> None:
 
 def _check_end(message: Any, topic: str) -> None:
     if not 0 < len(message.poses) <= MAX_FRAMES:
-        raise InputError(f"topic {topic}: announces {len(message.poses)} images, must be 1 .. {MAX_FRAMES}; publish a pose for every clip/image")
+        raise InputError(f"topic {topic}: announces {len(message.poses)} images, must be 1 .. {MAX_FRAMES}; publish a pose for every image of the clip")
     stamps = stamps_of(message)
     if stamps[0] != stamp_ns(message) or any(a >= b for a, b in pairwise(stamps)):
-        raise InputError(f"topic {topic}: its stamps must ascend from that of its header; publish those of clip/image in order")
+        raise InputError(f"topic {topic}: its stamps must ascend from that of its header; publish those of the clip's images in order")
 
 
 _CHECKS: dict[str, Callable[[Any, str], None]] = {

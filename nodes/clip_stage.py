@@ -59,7 +59,8 @@ class ClipStage(StageNode):
         super().__init__(name, (MAX_MIB, *own), publishes)
 
     def configure(self) -> None:
-        self.buffer = ClipBuffer(max_bytes(self.parameters), self.first_alone)
+        names = {topic: self.resolve_topic_name(topic) for topic in (*CLIP, MASK)}
+        self.buffer = ClipBuffer(max_bytes(self.parameters), self.first_alone, names)
         self.create_service(Trigger, "~/reset", self._reset)
 
     def activate(self) -> None:
@@ -163,7 +164,7 @@ class ClipStage(StageNode):
         """Drop the buffered clip; what a running job still says counts no more."""
         self.renew()
         self.outdated = self.worker.busy
-        self.buffer = ClipBuffer(self.buffer.max_bytes, self.buffer.first_alone)
+        self.buffer = ClipBuffer(self.buffer.max_bytes, self.buffer.first_alone, self.buffer.names)
         give_back()
 
     def waiting_for(self) -> str:

@@ -241,9 +241,9 @@ class FitNode(ClipStage):
     def _splats_missing(self) -> str:
         found = None if self.buffer.id is None else self.splats.get(self.buffer.id)
         if found is None:
-            return f"{SPLATS} of this clip"
+            return f"{self.resolve_topic_name(SPLATS)} of this clip"
         known = found.labels_crc is None or not self.buffer.masks or found.labels_crc == self.buffer.first_labels_crc()
-        return "" if known else f"{SPLATS} in the masks of this clip"
+        return "" if known else f"{self.resolve_topic_name(SPLATS)} in the masks of this clip"
 
     def _on_fit(self, request: Any, response: Any) -> Any:
         missing = "" if self.bag else self.buffer.missing(masks=True) or self._splats_missing()

@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Generator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 from std_srvs.srv import SetBool, Trigger
 
-from diffphys_ros import config
-from diffphys_ros.bags.read import read_clip
-from diffphys_ros.bags.transforms import MOVING, STATIC
-from diffphys_ros.bags.world import NotYetError
-from diffphys_ros.errors import InputError, shown
+from diffphys_ros.errors import shown
 from diffphys_ros.msg_schemas import TOPICS
 
+from . import camera_bag, camera_topics, clip_job
 from .beside import COLOUR_INFO, DEPTH_INFO, IMU, POSE, Beside
+from .camera_topics import IMAGE, MASK, PRESSED
 from .clip_buffer import INFO
-from .clip_out import Sent, messages_of, messages_of_clip, ready
+from .clip_job import LOOK_S, Hand, News
+from .clip_out import Sent
 from .clip_stage import CLIP, CLIP_DONE
-from .clip_topics import Plain
 from .convert import message_class, stamp_ns
 from .dispatch import MOST_WAITING, Dispatch
 from .intake import DEPTH, PRESSED_DEPTH, Intake
 from .limits import MAX_FRAMES, MAX_MIB, max_bytes
 from .memory import give_back
 from .parameters import Own, existing
-from .player import Part, Player, inputs, static_links
-from .qos import RELIABILITY, latched, moving, profile, sensor
+from .player import Part, Player
+from .qos import RELIABILITY, profile
 from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import FAILED, Job
@@ -55,23 +48,19 @@ OWN = (
     Own("max_frames", 1200, "a clip ends after this many images", low=2, high=MAX_FRAMES),
     MAX_MIB._replace(doc="most that is kept of images [MiB]: half of it for what comes in and waits, half for the clip that is out; 218 frames of 640x480 px with depth"),
 )
-MOST_IN_HAND = 16  # messages of a clip between the thread that decodes them and the one that publishes
-LOOK_S = 0.1
-IMAGE, PRESSED, MASK = "image", "image/compressed", "mask"
 
 
 class IngestNode(StageNode):
     """Cuts clips out of what a camera sends and publishes them, one after the other; listens on while the other nodes work."""
 
-    sparse = ("mask",)
+    sparse = (MASK,)
 
     def __init__(self) -> None:
         super().__init__("ingest_node", OWN, CLIP)
 
     def configure(self) -> None:
         self.silence_s, self.patience_s = self.parameters["silence_s"], self.parameters["patience_s"]
-        names = (IMAGE, PRESSED, DEPTH, PRESSED_DEPTH, MASK, COLOUR_INFO, DEPTH_INFO, POSE, IMU)
-        beside = Beside({name: self.resolve_topic_name(name) for name in names})
+        beside = Beside({name: self.resolve_topic_name(name) for name in camera_topics.NAMES})
         self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters) // 2, beside)
         self.lacking = ""  # what the clip that is next waits for
         self.recorder = Recorder(self.intake, self.parameters["clip.trigger"], self.parameters["clip.seconds"], self._on_closed, self._doubt)
@@ -80,14 +69,15 @@ class IngestNode(StageNode):
         self.first_ns = self.last_ns = 0  # stamps of those that were taken
         self.last_image: float | None = None
         self.player: Player | None = None
-        self._room = threading.Semaphore(MOST_IN_HAND)
+        self._hand = Hand()
         self.create_service(Trigger, "~/end", self._on_end)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/record", self._on_record)
 
     def activate(self) -> None:
         if not self.parameters["bag"]:
-            self._subscribe()
+            camera_topics.subscribe(self, self.take, self.parameters["reliability"])
+            self._attend()
         elif self.state != "done":
             self._read_or_play()
 
@@ -126,7 +116,7 @@ class IngestNode(StageNode):
     def doubtful(self) -> bool:
         return bool(self.recorder.recording and self.recorder.warning())
 
-    def on_news(self, news: Plain | str | None) -> None:
+    def on_news(self, news: News) -> None:
         """A message of a clip that is ready, or what it still lacks."""
         if news is None:
             return
@@ -141,7 +131,7 @@ class IngestNode(StageNode):
             stamp = fields["header"]["stamp"]
             self.dispatch.sent(stamp["sec"] * 10**9 + stamp["nanosec"])
         self.send(topic, fields)
-        self._room.release()
+        self._hand.published()
 
     def on_done(self, sent: Sent) -> None:
         give_back()
@@ -149,32 +139,31 @@ class IngestNode(StageNode):
             self.get_logger().warning(note)
         self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")
 
-    def _subscribe(self) -> None:
-        qos = sensor(self.parameters["reliability"])
-        for topic, kind in ((IMAGE, Image), (PRESSED, CompressedImage)):
-            self.create_subscription(kind, topic, partial(self._on_image, topic), qos)
-        for topic, kind in ((DEPTH, Image), (PRESSED_DEPTH, CompressedImage), (MASK, Image)):
-            self.create_subscription(kind, topic, partial(self._on_beside, topic), qos)
-        for info in (COLOUR_INFO, DEPTH_INFO):
-            self.create_subscription(CameraInfo, info, partial(self._on_info, topic=info), qos)
-        self.create_subscription(Imu, IMU, self._on_imu, sensor("best_effort"))
-        self.create_subscription(TransformStamped, POSE, self._on_pose, latched())
-        try:
-            from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
-        except ImportError:
-            self.get_logger().info(f"tf2_msgs is not installed: transforms come from {self.beside.name(POSE)} alone")
-        else:
-            for topic, quality in ((STATIC, latched()), (MOVING, moving())):
-                self.create_subscription(TFMessage, topic, partial(self._on_tree, kind=topic), quality)
-        self._attend()
-
     def _attend(self) -> None:
         """To stages that have ended with a clip, and to silence."""
         done = TOPICS[CLIP_DONE]
         self.create_subscription(message_class(done.type_name), CLIP_DONE, self._on_clip_done, profile(done))
         self.create_timer(LOOK_S, self._look)
 
-    def _on_image(self, topic: str, message: Any) -> None:
+    def take(self, name: str, message: Any) -> None:
+        """A message of a camera, live or played, by the name of camera_topics. Raises InputError for one that is of no use."""
+        if name in (IMAGE, PRESSED):
+            self._take_image(name, message)
+        elif name in (DEPTH, PRESSED_DEPTH):
+            self.intake.take_depth(message)
+        elif name == MASK:
+            self.intake.take_mask(message)
+        elif name in (COLOUR_INFO, DEPTH_INFO):
+            self.beside.take_info(message, name, after_ns=self.last_ns, fov_known=self._fov_known)
+        elif name == IMU:
+            self.beside.take_imu(message)
+        elif name == POSE:
+            self.beside.take_link(message)
+        else:
+            for link in message.transforms:
+                self.beside.take_link(link, name)
+
+    def _take_image(self, topic: str, message: Any) -> None:
         self.note_input()
         if self.intake.topic not in ("", topic):
             self.ignored += 1
@@ -183,22 +172,6 @@ class IngestNode(StageNode):
         self.recorder.take(topic, message)
         self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
-
-    def _on_beside(self, topic: str, message: Any) -> None:
-        (self.intake.take_mask if topic == MASK else self.intake.take_depth)(message)
-
-    def _on_info(self, message: Any, topic: str = COLOUR_INFO) -> None:
-        self.beside.take_info(message, topic, after_ns=self.last_ns, fov_known=self._fov_known)
-
-    def _on_imu(self, message: Any) -> None:
-        self.beside.take_imu(message)
-
-    def _on_pose(self, link: Any) -> None:
-        self.beside.take_link(link)
-
-    def _on_tree(self, tree: Any, kind: str = STATIC) -> None:
-        for link in tree.transforms:
-            self.beside.take_link(link, kind)
 
     def _on_clip_done(self, message: Any) -> None:
         for status in message.status[:1]:
@@ -229,8 +202,7 @@ class IngestNode(StageNode):
             return
         clip = self.dispatch.next(self._stages())
         if clip is not None:
-            settings = self.parameters.settings()
-            self._start(lambda: self._patiently(clip, settings))
+            self._start(partial(clip_job.collected, clip, self.parameters.settings(), self.patience_s, self._hand))
 
     def _camera_missing(self) -> bool:
         """Whether what the camera is may still be told: a clip that ended before waits for it."""
@@ -243,67 +215,18 @@ class IngestNode(StageNode):
         self.worker.start(job)
         self.state, self.lacking = "working", ""
 
-    def _patiently(self, clip: Intake, settings: config.Settings) -> Generator[Plain | str | None, None, Sent]:
-        """The messages of a clip; what it lacks may still come for a while."""
-        until, said = time.monotonic() + self.patience_s, ""
-        while True:
-            yield None
-            try:
-                made = ready(clip, settings)
-            except NotYetError as error:
-                if time.monotonic() >= until:
-                    raise
-                if str(error) != said:
-                    yield (said := str(error))
-                time.sleep(LOOK_S)
-            else:
-                return (yield from self._in_turn(messages_of(clip, settings, made)))
-
-    def _in_turn(self, steps: Generator[Plain, None, Sent]) -> Generator[Plain | None, None, Sent]:
-        """Messages as fast as they are published, so that they do not pile up."""
-        while True:
-            while not self._room.acquire(timeout=LOOK_S):
-                yield None
-            try:
-                yield next(steps)
-            except StopIteration as stop:
-                self._room.release()
-                return stop.value
-            except BaseException:
-                self._room.release()
-                raise
-
     def _read_or_play(self) -> None:
         """Read the clip of the bag, or play it and hear what is played as if a camera sent it."""
         part = Part(*(self.parameters[name] for name in ("rate", "loop", "start", "duration")))
         if not part.rate:
-            self._start(self._read_job(part))
+            self._start(partial(clip_job.read, self.parameters["bag"], self.parameters.settings(), part, self._hand))
             return
-        path, settings = Path(self.parameters["bag"]), self.parameters.settings()
-        roles = inputs(path, settings.topics)
-        for link in static_links(path):
-            self.beside.take_link(link, STATIC)
-
-        def hear(topic: str, kind: str, raw: bytes) -> None:
-            if topic not in roles:
-                return
-            try:
-                message = deserialize_message(raw, message_class(kind))
-            except Exception as error:
-                raise InputError(f"topic {topic}: a message that cannot be read; record it again") from error
-            self._hear(roles[topic], topic, message)
-
-        self.player = Player(self, path, part, hear=self.net.around(hear, "bag"), ended=self._on_played)
+        path = Path(self.parameters["bag"])
+        names = camera_bag.inputs(path, self.parameters.settings().topics)
+        self.beside.rename({name: topic for topic, name in names.items()})
+        self.player = camera_bag.play(self, path, part, names, self.take, self._on_played)
         self._attend()
         self.player.start()
-
-    def _hear(self, role: str, topic: str, message: Any) -> None:
-        if role.startswith("image"):
-            self._on_image(topic, message)
-        elif role == "camera_info":
-            self._on_info(message)
-        else:
-            self._on_beside(role, message)
 
     def _on_played(self, again: bool) -> None:
         self.get_logger().info("the recording ends here" + ("; it is played again" if again else ""))
@@ -311,16 +234,6 @@ class IngestNode(StageNode):
             self.state = FAILED
             self.on_failed(f"{shown(self.parameters['bag'])}: no image was played; choose another start and duration")
         self.recorder.silence()  # the next pass begins another clip
-
-    def _read_job(self, part: Part) -> Job:
-        bag, settings = self.parameters["bag"], self.parameters.settings()
-
-        def read() -> Generator[Plain | None, None, Sent]:
-            yield None
-            clip = read_clip(bag, settings, start_s=part.start_s, duration_s=part.duration_s or None)
-            return (yield from self._in_turn(messages_of_clip(clip)))
-
-        return read
 
     def _stages(self) -> set[str]:
         """Who listens to clips, by full name."""

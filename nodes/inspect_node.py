@@ -120,7 +120,7 @@ class InspectNode(StageNode):
             self.get_logger().info(f"showing {name}")
 
     def _show_camera(self, name: str, message: Any) -> None:
-        check(name, message)
+        check(name, message, self.resolve_topic_name(name))
         self.camera_from[name] = message
         if len(self.camera_from) == 2:
             self.stream.log_camera(camera_of(self.camera_from[INFO], self.camera_from["clip/camera_pose"]))

@@ -20,11 +20,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from diffphys_ros.bags.offers import Offer
 from diffphys_ros.bags.read import is_bag, window
 from diffphys_ros.bags.storage import open_bag
-from diffphys_ros.bags.topics import COMPRESSED, choose_topics, image_topics
-from diffphys_ros.config import Topics
-from diffphys_ros.errors import InputError, listed, short, shown
+from diffphys_ros.errors import InputError, listed, shown
 from diffphys_ros.msg_schemas import messages
-from diffphys_ros.msg_schemas.topics import STATIC_TREE
 
 from .convert import message_class, to_ros
 
@@ -161,20 +158,3 @@ def _profile(offer: Offer) -> QoSProfile:
         history=HistoryPolicy.KEEP_LAST if offer.depth else HistoryPolicy.KEEP_ALL,
         depth=offer.depth,
     )
-
-
-def inputs(path: Path, topics: Topics) -> dict[str, str]:
-    """Which topics of a recording are a camera's: {as recorded: image, image/compressed, depth, camera_info or mask}. Raises InputError
-    as bags.topics.choose_topics, and for a mask that is not there."""
-    with open_bag(path) as bag:
-        image, depth, info = choose_topics(bag, topics, shown(path))
-        if topics.mask is not None and topics.mask not in image_topics(bag):
-            raise InputError(f"{shown(path)}: topics.mask is {short(topics.mask)}, must be one of {listed(sorted(image_topics(bag)), 4)}")
-        found = {image: "image/compressed" if bag.types[image] == COMPRESSED else "image", depth: "depth", info: "camera_info", topics.mask: "mask"}
-    return {topic: role for topic, role in found.items() if topic}
-
-
-def static_links(path: Path) -> list[Any]:
-    """The static transforms of a recording, geometry_msgs/TransformStamped."""
-    with open_bag(path) as bag:
-        return [link for _, _, tree in bag.messages([STATIC_TREE]) for link in tree.transforms]

@@ -1,8 +1,8 @@
 """Plays a recording without `ros2 bag`: `python -m diffphys_ros.nodes.replay clip.mcap [--rate 1] [--loop] [--start 0] [--duration 0]`.
 
 Topics, qualities of service and pace are those of the recording, with /clock. With `--inputs` it stands in for a camera driver: colour, depth,
-camera_info and, with `--mask TOPIC`, label images come under the names that ingest_node listens to, the camera's static transforms on
-`camera_pose`, and it begins when all of them are heard. It stays at the end, so that what is latched can be had, until a signal comes.
+their camera_info, an IMU, /tf and, with `--mask TOPIC`, label images come under the names that ingest_node listens to, the static transforms
+on `camera_pose`, and it begins when all of them are heard. It stays at the end, so that what is latched can be had, until a signal comes.
 """
 
 from __future__ import annotations
@@ -63,12 +63,13 @@ def _options() -> argparse.Namespace:
 
 
 def _player(node: Any, options: argparse.Namespace) -> Any:
-    from diffphys_ros.nodes.player import Part, Player, inputs, static_links
+    from diffphys_ros.nodes.camera_bag import inputs, static_trees
+    from diffphys_ros.nodes.player import Part, Player
 
     names = None
     if options.inputs:
         names = inputs(options.bag, Topics(mask=options.mask))
-        _tell_pose(node, static_links(options.bag))
+        _tell_pose(node, [link for tree in static_trees(options.bag) for link in tree.transforms])
     return Player(node, options.bag, Part(options.rate, options.loop, options.start, options.duration), names=names)
 
 

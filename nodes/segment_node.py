@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import replace
-from typing import Any
+from collections.abc import Generator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from diffphys_ros import config
 from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
@@ -21,6 +19,9 @@ from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
 from .worker import Job
+
+if TYPE_CHECKING:
+    from diffphys_ros.segment import Mark
 
 CLICK, FIRST_MASK = "click", "first_mask"
 OWN = (Own("wait_for", "", "what to wait for before a clip is labelled, beside the clip itself: click, first_mask; empty: nothing", ("", CLICK, FIRST_MASK)),)
@@ -37,6 +38,7 @@ class SegmentNode(ClipStage):
     def configure(self) -> None:
         super().configure()
         self.wait_for = self.parameters["wait_for"]
+        self.names = {what: self.resolve_topic_name(what) for what in (CLICK, FIRST_MASK)}
 
     def activate(self) -> None:
         super().activate()
@@ -48,16 +50,16 @@ class SegmentNode(ClipStage):
         """A person, or another node, says what the object in frame 0 is; the last word counts."""
         self.note_input()
         if what == FIRST_MASK:
-            check_labels(message, FIRST_MASK)
+            check_labels(message, self.names[what])
         else:
-            place_of(message)
+            place_of(message, self.names[what])
         self.told = {what: message}
         self.work_again(f"{what} came")
         self.begin()
 
     def waiting_for(self) -> str:
         wanted = self.wait_for
-        return super().waiting_for() or (wanted if wanted and wanted not in self.told and not self.complete else "")
+        return super().waiting_for() or (self.names[wanted] if wanted and wanted not in self.told and not self.complete else "")
 
     def renew(self) -> None:
         super().renew()
@@ -70,14 +72,10 @@ class SegmentNode(ClipStage):
             from diffphys_ros.depth import placed
             from diffphys_ros.segment import label_clip
 
-            clip, chosen = placed(in_world((yield from assembled(buffer)), settings), settings), settings
-            if CLICK in told:
-                chosen = changed(chosen, {"segment.point_px": pixel_of(told[CLICK], clip.camera).tolist()})
-            if FIRST_MASK in told:
-                clip = replace(clip, first_labels=labels_of(told[FIRST_MASK], FIRST_MASK))
-                chosen = changed(chosen, {"scene.first_mask": None, "segment.method": "given"})
+            clip = placed(in_world((yield from assembled(buffer)), settings), settings)
+            mark = mark_of(told, clip.camera, self.names)
             yield f"labelling {len(clip)} frames"
-            return list(mask_messages(clip.with_labels(label_clip(clip, chosen)), slot_stamps(clip, buffer.stamps())))
+            return list(mask_messages(clip.with_labels(label_clip(clip, settings, mark)), slot_stamps(clip, buffer.stamps())))
 
         return label
 
@@ -91,35 +89,40 @@ class SegmentNode(ClipStage):
         self.get_logger().info(f"published {len(masks)} label images")
 
 
-def changed(settings: config.Settings, values: dict[str, Any]) -> config.Settings:
-    """Settings with some values in place of theirs, checked. Raises InputError."""
-    return config.build(config.flat(settings) | values, f"topics {CLICK} and {FIRST_MASK}")
+def mark_of(told: Mapping[str, Any], camera: Camera, names: Mapping[str, str]) -> Mark:
+    """What the messages of CLICK and FIRST_MASK mark in frame 0; either may be missing. Raises InputError with the topic's resolved name."""
+    from diffphys_ros.segment import Mark
+
+    return Mark(
+        point=pixel_of(told[CLICK], camera, names[CLICK]) if CLICK in told else None,
+        labels=labels_of(told[FIRST_MASK], names[FIRST_MASK]) if FIRST_MASK in told else None,
+    )
 
 
-def place_of(click: Any) -> np.ndarray:
+def place_of(click: Any, topic: str = CLICK) -> np.ndarray:
     """The point of a geometry_msgs/PointStamped (3,). Raises InputError where it is not finite."""
     point = np.array([click.point.x, click.point.y, click.point.z])
     if not np.isfinite(point).all():
-        raise InputError(f"topic {CLICK}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
+        raise InputError(f"topic {topic}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
     return point
 
 
-def pixel_of(click: Any, camera: Camera) -> np.ndarray:
+def pixel_of(click: Any, camera: Camera, topic: str = CLICK) -> np.ndarray:
     """Where a geometry_msgs/PointStamped lies in the image (2,) [px].
 
     In the camera's frame (or without a frame) a point with z = 0 is a pixel u, v, as image viewers send it; one with z > 0 is a point [m],
     as is one in the world frame. Raises InputError for another frame and for points that the camera does not see.
     """
-    point, frame = place_of(click), click.header.frame_id
+    point, frame = place_of(click, topic), click.header.frame_id
     if frame in ("", camera.frame_id):
         if point[2] == 0:
             return point[:2]
         point = camera.world_from_camera[:3, :3] @ point + camera.position
     elif frame != camera.world_frame_id:
         known = " or ".join(short(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
-        raise InputError(f"topic {CLICK}: a point in frame {short(frame)}, must be in {known}; transform it")
+        raise InputError(f"topic {topic}: a point in frame {short(frame)}, must be in {known}; transform it")
     with np.errstate(all="ignore"):
         pixel, depth = camera.project(point)
     if depth <= 0 or not np.isfinite(pixel).all():
-        raise InputError(f"topic {CLICK}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
+        raise InputError(f"topic {topic}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
     return pixel

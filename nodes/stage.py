@@ -84,7 +84,7 @@ class StageNode(ManagedNode):
         qos = copy(qos_profile) if isinstance(qos_profile, QoSProfile) else QoSProfile(depth=qos_profile)
         stream = Stream(resolved, sparse=topic in self.sparse) if is_stream(qos) else None
         events = {} if stream is None else {"event_callbacks": _events(stream)}
-        caught = self.net.around(callback if stream is None else _heard_by(stream, callback), topic)
+        caught = self.net.around(callback if stream is None else _heard_by(stream, callback), resolved)
         options |= {"qos_overriding_options": overridable()}
         try:
             made = super().create_subscription(msg_type, topic, caught, qos, *arguments, **events, **options)

@@ -1,5 +1,6 @@
 """Which pixels are the object, and which part of it: label images for every frame."""
 
 from .label import label_clip
+from .prompt import Mark
 
-__all__ = ["label_clip"]
+__all__ = ["Mark", "label_clip"]

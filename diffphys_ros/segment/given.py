@@ -10,24 +10,28 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError, shown
 from ..types import IGNORE, Clip
+from .prompt import NO_MARK, Mark
 
 MOST_BYTES = 256 << 20  # of a mask's file
 MOST_PARTS = 16
+MASK_TOPIC = "the mask topic"
 
 
-def given_mask(clip: Clip, settings: Settings) -> np.ndarray:
-    """Label image of frame 0, uint8 (H, W), from the PNG `scene.first_mask`, else from the clip's mask topic.
+def given_mask(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray:
+    """Label image of frame 0, uint8 (H, W): the marked one, else the PNG `scene.first_mask`, else that of the clip's mask topic.
 
     Values 1..n are parts and 255 means ignore; an image with no other values than 0 and 255 is background and object, which is
     returned as 0 and 1. Raises InputError where the file cannot be read, has another size than the frames, is empty, or skips
     a part number.
     """
+    if mark.labels is not None:
+        return _checked(mark.labels, MASK_TOPIC, clip)
     name = settings.scene.first_mask
     if name:
         return _checked(_read(name), f"scene.first_mask {shown(name)}", clip)
     if clip.first_labels is None:
         raise InputError("segment.method is 'given' but neither scene.first_mask nor a mask topic is; give the path of a PNG or choose 'motion'")
-    return _checked(clip.first_labels, "the mask topic", clip)
+    return _checked(clip.first_labels, MASK_TOPIC, clip)
 
 
 def _read(name: str) -> np.ndarray:

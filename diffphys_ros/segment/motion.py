@@ -9,7 +9,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..types import Clip
 from .movement import LEAST_MOTION_PX, Movement
-from .prompt import Prompt
+from .prompt import NO_MARK, Mark, Prompt
 from .regions import disc, filled, touching
 from .surroundings import ends_inside, reachable
 
@@ -19,14 +19,14 @@ SPOT_SHARE = 0.07  # of the root of the core's area: radius of a spot of the sce
 RARE = 0.002  # share of the scene below which a chroma is foreign to it
 
 
-def motion_mask(clip: Clip, settings: Settings) -> np.ndarray:
+def motion_mask(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray:
     """Object (1) and background (0) of frame 0, uint8 (H, W): what moves, and its still root where colour continues it and, with a
     depth topic, up to the next step in depth or the clamped face; nothing that stands still beside what moves.
 
-    Of several moving regions the largest counts, or that of `segment.box_px` and `segment.point_px`; nothing lies outside the box. Raises InputError where
-    nothing moves there.
+    Of several moving regions the largest counts, or that of the marked point, `segment.box_px` and `segment.point_px`; nothing lies outside the box. Raises
+    InputError where nothing moves there.
     """
-    prompt = Prompt.of(settings, clip.frames.shape[1:3])
+    prompt = Prompt.of(settings, mark, clip.frames.shape[1:3])
     core, still = moving_core(clip.frames[clip.seen], prompt)
     if core.mean() < LEAST_SHARE:
         raise InputError(

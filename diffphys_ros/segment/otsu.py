@@ -8,16 +8,16 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError
 from ..types import Clip
-from .prompt import Prompt
+from .prompt import NO_MARK, Mark, Prompt
 from .regions import filled
 
 LEAST_SHARE = 0.002  # of the image that an object must cover
 NOISE_DISTANCE = 4.0  # Lab units: below it colours are equal, above it ratios count, so that a vivid part does not hide a pale one
 
 
-def otsu_mask(clip: Clip, settings: Settings) -> np.ndarray:
+def otsu_mask(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray:
     """Object (1) and background (0) of frame 0, uint8 (H, W): the region that stands out from the border's colours, of several
-    the largest or that of `segment.box_px` and `segment.point_px`.
+    the largest or that of the marked point, `segment.box_px` and `segment.point_px`.
 
     Raises InputError where nothing stands out.
     """
@@ -25,7 +25,7 @@ def otsu_mask(clip: Clip, settings: Settings) -> np.ndarray:
     distance = np.log1p(_distance_from_border(lab) / NOISE_DISTANCE)
     level = np.clip(distance * (255 / max(float(distance.max()), 1e-6)), 0, 255).astype(np.uint8)
     _, above = cv2.threshold(level, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    mask = filled(Prompt.of(settings, clip.frames.shape[1:3]).region(above > 0))
+    mask = filled(Prompt.of(settings, mark, clip.frames.shape[1:3]).region(above > 0))
     if not LEAST_SHARE < mask.mean() < 0.9:
         raise InputError(
             f"{clip.source or 'clip'}: Otsu's threshold marks {100 * mask.mean():.1f} % of frame 0 as object, needs between 0.2 and 90 %; "

@@ -11,20 +11,34 @@ from ..config import Settings
 from ..errors import InputError
 
 POINT_REACH_PX = 12.0  # a click may miss its object by this much
+POINT, CLICK = "segment.point_px", "the click"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What was clicked or masked in frame 0 of this very clip; both may be None. It goes before what the settings say of the same."""
+
+    point: np.ndarray | None = None  # u, v [px], shape (2,)
+    labels: np.ndarray | None = None  # 0 background, 1..n parts, 255 ignore; or 0 and 255 for background and object; uint8, shape (H, W)
+
+
+NO_MARK = Mark()
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """What a person says about where the object is in frame 0; both may be None."""
+    """What says where the object is in frame 0; box and point may be None."""
 
     box: np.ndarray | None  # left, top, right, bottom [px], shape (4,)
     point: np.ndarray | None  # u, v [px], shape (2,)
+    origin: str = POINT  # of the point, for people
 
     @classmethod
-    def of(cls, settings: Settings, shape: tuple[int, ...]) -> Prompt:
-        """From `segment.box_px` and `segment.point_px`, for images (H, W). Raises InputError where they lie off the image."""
+    def of(cls, settings: Settings, mark: Mark, shape: tuple[int, ...]) -> Prompt:
+        """From `segment.box_px` and the marked point, else `segment.point_px`, for images (H, W). Raises InputError where they lie off the image."""
         height, width = shape[:2]
-        box, point = (None if v is None else np.array(v, float) for v in (settings.segment.box_px, settings.segment.point_px))
+        told, origin = (settings.segment.point_px, POINT) if mark.point is None else (mark.point, CLICK)
+        box, point = (None if v is None else np.array(v, float) for v in (settings.segment.box_px, told))
         if box is not None and not (
             box[0] < box[2] and box[1] < box[3] and box[0] < width and box[1] < height and box[2] >= 0 and box[3] >= 0
         ):
@@ -33,9 +47,9 @@ class Prompt:
             )
         if point is not None and not (0 <= point[0] <= width - 1 and 0 <= point[1] <= height - 1):
             raise InputError(
-                f"segment.point_px {point.tolist()}: must lie inside the {width} x {height} image; click on the object in frame 0"
+                f"{origin} {point.tolist()}: must lie inside the {width} x {height} image; click on the object in frame 0"
             )
-        return cls(box, point)
+        return cls(box, point, origin)
 
     def inside(self, shape: tuple[int, ...]) -> np.ndarray:
         """Pixels of the box, all where there is none, bool (H, W)."""
@@ -62,7 +76,7 @@ class Prompt:
         nearest = int(distance.argmin())
         if distance[nearest] > POINT_REACH_PX:
             raise InputError(
-                f"segment.point_px {self.point.tolist()}: the nearest region that the segmenter finds is {distance[nearest]:.0f} px away, must be within "
+                f"{self.origin} {self.point.tolist()}: the nearest region that the segmenter finds is {distance[nearest]:.0f} px away, must be within "
                 f"{POINT_REACH_PX:g} px; click on the object or choose another segment.method"
             )
         return int(labels[v[nearest], u[nearest]])

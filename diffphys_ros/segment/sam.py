@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..pretrained import model_of
 from ..types import Clip
 from .motion import motion_mask
-from .prompt import Prompt
+from .prompt import NO_MARK, Mark, Prompt
 from .regions import filled
 
 SETTING = "segment.model"
@@ -23,10 +23,10 @@ MEAN, DEVIATION = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)  # of Image
 LEAST_SHARE, MOST_SHARE = 0.001, 0.95  # of the image that an object may cover
 
 
-def sam_mask(clip: Clip, settings: Settings) -> np.ndarray:
+def sam_mask(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray:
     """Object (1) and background (0) of frame 0, uint8 (H, W), by the network `segment.model`.
 
-    Its prompt is `segment.box_px` and `segment.point_px`. Without both it is the box of what moves, and of the masks that the network offers the
+    Its prompt is `segment.box_px` and the marked point, else `segment.point_px`. Without both it is the box of what moves, and of the masks that the network offers the
     one most like the moving one counts. Raises InputError for a checkpoint that cannot be used and a mask that is no object.
     """
     name = settings.segment.model
@@ -35,7 +35,7 @@ def sam_mask(clip: Clip, settings: Settings) -> np.ndarray:
             "segment.method is 'sam' but segment.model is not set; give the folder or hub id of a SAM checkpoint, or choose 'motion'"
         )
     model, config = model_of(name, ARCHITECTURES, setting=SETTING, device=settings.fit.device)
-    frame, prompt = clip.frames[0], Prompt.of(settings, clip.frames.shape[1:3])
+    frame, prompt = clip.frames[0], Prompt.of(settings, mark, clip.frames.shape[1:3])
     moving = motion_mask(clip, settings) > 0 if prompt.box is None and prompt.point is None else None
     shown = prompt if moving is None else _prompt_of(moving)
     masks, quality = offered(model, config, frame, shown)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -64,6 +66,24 @@ def test_what_keeps_its_default_is_left_to_the_node_and_the_rest_has_its_kind(ar
     told = given(arguments, "graph", bag="/tmp/1.mcap", rate="2", loop="True", start="0.0")
     assert arguments.parameters("graph", "ingest_node", told) == {"bag": "/tmp/1.mcap", "rate": 2.0, "loop": True}
     assert arguments.parameters("fit", "fit_node", given(arguments, "fit", out="7", exit_when_done="yes")) == {"out": "7", "exit_when_done": True}
+
+
+WRITES = """
+import sys, yaml
+sys.path.insert(0, sys.argv[1])
+from diffphys_arguments import ARGUMENTS, file_of_all
+given = {name: each.default for name, each in ARGUMENTS["graph"].items()} | {"rate": "2"}
+print(file_of_all("graph", ["ingest_node", "fit_node"], given))
+print(yaml.safe_load(open(file_of_all("graph", ["ingest_node", "fit_node"], given))))
+"""
+
+
+def test_the_parameters_of_nodes_in_one_process_are_a_file_that_is_gone_when_the_launch_has_ended(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", WRITES, str(FOLDER)], env=os.environ | {"TMPDIR": str(tmp_path)}, capture_output=True, text=True, check=True)
+    name, content = done.stdout.splitlines()
+    assert Path(name).parent == tmp_path
+    assert ast.literal_eval(content) == {"/**/ingest_node": {"ros__parameters": {"rate": 2.0}}}
+    assert not list(tmp_path.iterdir())
 
 
 def test_inputs_are_renamed_with_the_compressed_images_below_the_raw_ones(arguments) -> None:

@@ -51,11 +51,12 @@ def domain() -> Iterator[int]:
 
 @pytest.fixture
 def make_node(domain: int) -> Iterator[Callable[..., Any]]:
-    """Makes a node of a class in this process, with parameters as on a command line (`__` for a dot)."""
+    """Makes a node of a class in this process, with other ROS arguments and parameters as on a command line (`__` for a dot)."""
     made: list[Any] = []
 
-    def make(cls: Callable[[], Any], **parameters: object) -> Any:
-        words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
+    def make(cls: Callable[[], Any], *others: str, **parameters: object) -> Any:
+        words = [*others]
+        words += [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
         rclpy.init(args=["--ros-args", *words], domain_id=domain)
         made.append(cls())
         return made[-1]

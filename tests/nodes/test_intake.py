@@ -15,9 +15,10 @@ from diffphys_ros.bags.transforms import MAX_LINKS
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_buffer import ClipBuffer
+from diffphys_ros.nodes.clip_job import MOST_IN_HAND
 from diffphys_ros.nodes.clip_out import messages_of
 from diffphys_ros.nodes.convert import message_class, stamp_ns, to_ros
-from diffphys_ros.nodes.ingest_node import MOST_IN_HAND, IngestNode
+from diffphys_ros.nodes.ingest_node import IngestNode
 from diffphys_ros.nodes.intake import SPARE, Intake
 from diffphys_ros.nodes.qos import profile
 from diffphys_ros.types import Clip
@@ -171,21 +172,21 @@ def ended(node: IngestNode) -> str:
 
 def test_a_clip_that_fails_does_not_keep_the_next_one_out(make_node, made_clip) -> None:
     node = make_node(IngestNode)
-    node._on_info(info_of(made_clip))
-    node._on_beside("depth", image(np.ones((5, 5), np.float32), "32FC1", made_clip.start_ns))
+    node.take("camera_info", info_of(made_clip))
+    node.take("depth", image(np.ones((5, 5), np.float32), "32FC1", made_clip.start_ns))
     for state in ("failed", "done"):
         for k in range(len(made_clip)):
-            node._on_image("image", colour(made_clip, k))
+            node.take("image", colour(made_clip, k))
         assert ended(node) == state
 
 
 def test_a_clip_that_ends_before_its_camera_info_comes_waits_for_it(make_node, made_clip) -> None:
     node = make_node(IngestNode)
     for k in range(len(made_clip)):
-        node._on_image("image", colour(made_clip, k))
+        node.take("image", colour(made_clip, k))
     assert ended(node) == "waiting"
     assert node.waiting_for() == "/camera_info"
-    node._on_info(info_of(made_clip))
+    node.take("camera_info", info_of(made_clip))
     node._look()
     while node.worker.busy:
         node._poll()
@@ -194,9 +195,9 @@ def test_a_clip_that_ends_before_its_camera_info_comes_waits_for_it(make_node, m
 
 def test_images_are_decoded_one_at_a_time_and_a_slow_publisher_is_waited_for(make_node, made_clip) -> None:
     node = make_node(IngestNode)
-    node._on_info(info_of(made_clip))
+    node.take("camera_info", info_of(made_clip))
     for k in range(100):
-        node._on_image("image", image(made_clip.frames[k % 12], "rgb8", made_clip.start_ns + k * PERIOD_NS))
+        node.take("image", image(made_clip.frames[k % 12], "rgb8", made_clip.start_ns + k * PERIOD_NS))
     assert node._on_end(Trigger.Request(), Trigger.Response()).success
     until = time.monotonic() + 1.0
     while time.monotonic() < until:  # nobody polls
@@ -212,10 +213,10 @@ def test_what_stages_say_of_a_clip_lets_the_next_one_go(make_node, made_clip) ->
     while node._stages() != {"/segment_node"}:
         assert time.monotonic() < until
         time.sleep(0.01)
-    node._on_info(info_of(made_clip))
+    node.take("camera_info", info_of(made_clip))
     for number in range(4):
         for k in range(len(made_clip)):
-            node._on_image("image", image(made_clip.frames[k], "rgb8", made_clip.start_ns + (number * 1000 + k) * PERIOD_NS))
+            node.take("image", image(made_clip.frames[k], "rgb8", made_clip.start_ns + (number * 1000 + k) * PERIOD_NS))
         node._on_end(Trigger.Request(), Trigger.Response())
         while node.worker.busy:
             node._poll()
@@ -235,11 +236,11 @@ def test_reset_keeps_camera_and_transforms_which_are_not_sent_again(make_node, m
     node, published = make_node(IngestNode), []
     send = node.send
     node.send = lambda name, fields: (published.append((name, fields)), send(name, fields))
-    node._on_info(info_of(made_clip))
+    node.take("camera_info", info_of(made_clip))
     node.intake.beside.take_link(link("camera_optical", "world"))
     for _ in range(2):
         for k in range(len(made_clip)):
-            node._on_image("image", colour(made_clip, k))
+            node.take("image", colour(made_clip, k))
         assert ended(node) == "done"
         assert node._on_reset(Trigger.Request(), Trigger.Response()).success
     assert [fields["header"]["frame_id"] for name, fields in published if name == "clip/camera_pose"] == ["world", "world"]

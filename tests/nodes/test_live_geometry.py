@@ -278,9 +278,9 @@ def test_trees_of_tf_and_tf_static_make_one_chain_in_the_node(make_node) -> None
     from diffphys_ros.bags.storage import typestore
 
     node, tree_message = make_node(IngestNode), typestore().types[TREE]
-    node._on_tree(tree_message([on_wire(POSE, link("wrist", COLOUR_FRAME, CAMERA_IN_WORLD))]))
+    node.take("/tf_static", tree_message([on_wire(POSE, link("wrist", COLOUR_FRAME, CAMERA_IN_WORLD))]))
     for k in range(3):
-        node._on_tree(tree_message([on_wire(POSE, link("world", "wrist", pose(0.1 * k), stamp_of(k)))]), kind="/tf")
+        node.take("/tf", tree_message([on_wire(POSE, link("world", "wrist", pose(0.1 * k), stamp_of(k)))]))
     np.testing.assert_allclose(node.beside.transforms.between("world", COLOUR_FRAME, stamp_of(1)), pose(0.1) @ CAMERA_IN_WORLD, atol=1e-9)
     assert node.beside.transforms.between("world", COLOUR_FRAME, stamp_of(100)) is None
 

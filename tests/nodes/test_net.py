@@ -94,7 +94,7 @@ def test_a_callback_that_fails_costs_its_message_alone_and_diagnostics_say_so(wo
     until(lambda: health[-1].status[0].level == bytes([messages.ERROR]))
     values = messages.values_of(health[-1].status[0])
     assert (int(values["refused"]) >= 1, values["faults"]) == (True, "1")
-    assert values["last_error"] == "number: error of the program: ZeroDivisionError: a bug"
+    assert values["last_error"] == "/number: error of the program: ZeroDivisionError: a bug"
 
 
 def test_a_timer_that_fails_ticks_on(world) -> None:

@@ -77,7 +77,7 @@ def click_at(u: float, v: float, frame_id: str = "camera_optical", z: float = 0.
 def test_a_click_is_waited_for_and_chooses_the_object(make_node, two_blocks) -> None:
     node = make_node(Watched, wait_for=CLICK)
     feed(node, two_blocks)
-    assert node.waiting_for() == CLICK
+    assert node.waiting_for() == f"/{CLICK}"
     node.tell(CLICK, click_at(62, 28))
     spin(node, lambda: node.published or node.failure)
     assert (node.published[0][18:38, 52:72] > 0).mean() > 0.9
@@ -109,12 +109,50 @@ def test_a_mask_from_a_topic_is_the_object(make_node, two_blocks) -> None:
     assert np.array_equal(node.published[0] > 0, mask > 0)
 
 
+@pytest.mark.parametrize("what", [CLICK, FIRST_MASK])
+def test_what_is_clicked_or_masked_reaches_segmentation_beside_the_settings_that_a_person_set(make_node, two_blocks, monkeypatch, what) -> None:
+    got = []
+    monkeypatch.setattr("diffphys_ros.segment.label_clip", lambda clip, settings, mark: got.append((clip, settings, mark)) or np.zeros(clip.frames.shape[:3], np.uint8))
+    node = make_node(Watched, wait_for=what, segment__point_px="[60.0, 70.0]", segment__method="otsu")
+    feed(node, two_blocks)
+    mask = np.full((96, 128), 255, np.uint8)
+    node.tell(what, click_at(62, 28) if what == CLICK else to_ros("sensor_msgs/msg/Image", messages.image(messages.header(0), mask, "mono8")))
+    spin(node, lambda: node.published or node.failure)
+    ((clip, settings, mark),) = got
+    assert settings == node.parameters.settings()
+    assert (settings.segment.point_px, settings.segment.method) == ([60.0, 70.0], "otsu")
+    assert clip.first_labels is None
+    if what == CLICK:
+        assert (mark.point.tolist(), mark.labels) == ([62, 28], None)
+    else:
+        assert mark.point is None
+        assert np.array_equal(mark.labels, mask)
+
+
 def test_a_click_beside_every_object_is_answered_with_a_sentence(make_node, two_blocks) -> None:
     node = make_node(Watched, wait_for=CLICK)
     feed(node, two_blocks)
     node.tell(CLICK, click_at(5, 90))
     spin(node, lambda: node.published or node.failure)
     assert "click on the object" in node.failure
+
+
+def test_topics_are_called_by_their_resolved_names_in_what_is_waited_for_dropped_and_refused(make_node, two_blocks) -> None:
+    node = make_node(Watched, "-r", "__ns:=/robot1", "-r", "clip/image:=/frames", wait_for=CLICK)
+    warned, said = [], [(topic, to_ros(TOPICS[topic].type_name, fields)) for topic, fields in clip_messages(two_blocks, slot_stamps(two_blocks))]
+    node.get_logger().warning = warned.append
+    lost = next(k for k, (topic, _) in enumerate(said) if topic == "clip/image")
+    for topic, message in (*said[:lost], *said[lost + 1 :]):
+        node.take(topic, message)
+    assert node.waiting_for().startswith(f"/frames (all {len(two_blocks)} that /robot1/clip/end announced")
+    for start_ns, words in ((10**9, "it still lacked /frames (all"), (2 * 10**9, "it still lacked /robot1/click;")):
+        later = replace(two_blocks, start_ns=two_blocks.start_ns + start_ns)
+        feed(node, later)
+        assert words in warned[-1]
+    with pytest.raises(InputError, match=r"^topic /frames: encoding is '32FC1'"):
+        node.take("clip/image", to_ros("sensor_msgs/msg/Image", messages.image(messages.header(1), np.zeros((2, 2), np.float32), "32FC1")))
+    with pytest.raises(InputError, match=r"^topic /robot1/click: the point"):
+        node.tell(CLICK, click_at(np.nan, 0))
 
 
 def test_points_in_pixels_camera_and_world_name_one_pixel(made_clip) -> None:

@@ -15,6 +15,7 @@ from diffphys_ros.segment.given import given_mask
 from diffphys_ros.segment.label import METHODS, first_labels
 from diffphys_ros.segment.motion import motion_mask
 from diffphys_ros.segment.parts import numbered, one_piece_each, split_parts
+from diffphys_ros.segment.prompt import Mark
 from diffphys_ros.types import Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
 
@@ -83,6 +84,14 @@ def test_a_plain_image_holds_no_object_for_otsu(clip: Clip) -> None:
     plain = replace(clip, frames=np.full_like(clip.frames, 120))
     with pytest.raises(InputError, match="Otsu"):
         METHODS["otsu"](plain, bar_settings())
+
+
+def test_a_mask_that_somebody_marks_goes_before_every_setting_and_the_mask_topic(clip: Clip, tmp_path: Path) -> None:
+    marked, other = np.zeros_like(clip.labels[0]), np.full_like(clip.labels[0], 255)
+    marked[clip.labels[0] > 0] = 255
+    bare = replace(clip, labels=None, first_labels=other)
+    settings = bar_settings(scene__first_mask=save(tmp_path / "mask.png", other), segment__method="motion", segment__max_parts=1)
+    assert np.array_equal(label_clip(bare, settings, Mark(labels=marked))[0] > 0, marked > 0)
 
 
 def test_part_labels_of_a_given_mask_are_kept_with_its_ignored_pixels(clip: Clip, tmp_path: Path) -> None:

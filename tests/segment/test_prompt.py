@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from diffphys_ros.errors import InputError
 from diffphys_ros.segment.motion import motion_mask
 from diffphys_ros.segment.otsu import otsu_mask
-from diffphys_ros.segment.prompt import Prompt
+from diffphys_ros.segment.prompt import NO_MARK, Mark, Prompt
 from diffphys_ros.types import Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
 
@@ -46,7 +47,21 @@ def test_a_click_far_from_every_region_is_refused() -> None:
 )
 def test_prompts_off_the_image_are_refused(values: dict[str, list[float]], name: str) -> None:
     with pytest.raises(InputError, match=rf"segment\.{name}.*100 x 60 image"):
-        Prompt.of(bar_settings(**values), SHAPE)
+        Prompt.of(bar_settings(**values), NO_MARK, SHAPE)
+
+
+@pytest.mark.parametrize("point", [[100.0, 10.0], [10.0, np.nan]])
+def test_a_click_off_the_image_is_refused_as_a_click_not_as_a_setting(point: list[float]) -> None:
+    with pytest.raises(InputError, match=r"^the click \[1.*100 x 60 image"):
+        Prompt.of(bar_settings(segment__point_px=[5, 5]), Mark(point=np.array(point)), SHAPE)
+
+
+def test_a_click_goes_before_the_point_of_the_settings_and_keeps_their_box() -> None:
+    settings = bar_settings(segment__point_px=[5, 5], segment__box_px=[0, 0, 50, 50])
+    prompt = Prompt.of(settings, Mark(point=np.array([20.0, 30.0])), SHAPE)
+    assert prompt.point is not None
+    assert prompt.box is not None
+    assert (prompt.point.tolist(), prompt.box.tolist()) == ([20, 30], [0, 0, 50, 50])
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +95,12 @@ def test_no_part_of_the_mask_lies_outside_the_box(two_movers: Clip) -> None:
 
 def test_a_click_chooses_among_what_stands_out_from_the_border(two_movers: Clip) -> None:
     assert otsu_mask(two_movers, bar_settings(segment__point_px=[200, 135]))[:100].sum() == 0
+
+
+@pytest.mark.parametrize("mask", [motion_mask, otsu_mask])
+def test_a_click_chooses_what_the_same_point_of_the_settings_chooses(two_movers: Clip, mask: Callable[..., np.ndarray]) -> None:
+    clicked = mask(two_movers, bar_settings(), Mark(point=np.array([200.0, 135.0])))
+    assert np.array_equal(clicked, mask(two_movers, bar_settings(segment__point_px=[200, 135])))
 
 
 @pytest.fixture(scope="module")
