@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 POLAR_STEPS = 8  # of Newton's iteration, quadratic from any stretch below about 3
@@ -44,9 +46,33 @@ def quaternion_of(rotation: torch.Tensor) -> torch.Tensor:
 
 
 def polar_rotation(matrix: torch.Tensor) -> torch.Tensor:
-    """The rotation of the polar decomposition of matrices (..., 3, 3), by Newton's iteration (Higham 1986): smooth where an SVD's
+    """The rotation of the polar decomposition R S of matrices (..., 3, 3), by Newton's iteration (Higham 1986): smooth where an SVD's
     gradient is not."""
-    rotation = matrix
-    for _ in range(POLAR_STEPS):
-        rotation = 0.5 * (rotation + torch.linalg.inv(rotation).transpose(-1, -2))
-    return rotation
+    return _Polar.apply(matrix)
+
+
+class _Polar(torch.autograd.Function):
+    """The derivative is that of R^T dF - dF^T R = Omega S + S Omega, the turn dR = R Omega: no step of the iteration is kept for it."""
+
+    @staticmethod
+    def forward(ctx: Any, matrix: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
+        rotation = matrix.detach()
+        for _ in range(POLAR_STEPS):
+            rotation = 0.5 * (rotation + torch.linalg.inv(rotation).transpose(-1, -2))
+        ctx.save_for_backward(matrix, rotation)
+        return rotation
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, cotangent: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
+        matrix, rotation = (t.detach() for t in ctx.saved_tensors)
+        stretch = rotation.transpose(-1, -2) @ matrix
+        resists = stretch.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * torch.eye(3, dtype=matrix.dtype, device=matrix.device) - stretch
+        turn = torch.linalg.solve(resists, _axial(rotation.transpose(-1, -2) @ cotangent))
+        return torch.linalg.cross(rotation, turn[..., None, :].expand_as(rotation))
+
+
+def _axial(matrix: torch.Tensor) -> torch.Tensor:
+    """The vector (..., 3) of the skew part of matrices (..., 3, 3), twice."""
+    twice = matrix - matrix.transpose(-1, -2)
+    return torch.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], -1)

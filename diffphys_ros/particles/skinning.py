@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,9 @@ class Binding:
 
         index = torch.as_tensor(self.index, device=field.device)
         weight = torch.as_tensor(self.weight, dtype=field.dtype, device=field.device)
-        return torch.einsum("mk,...mkc->...mc", weight, field[..., index, :])
+        # one particle of each after the other: all k at once would take k times the memory
+        carried = (weight[:, j, None] * field.index_select(-2, index[:, j]) for j in range(index.shape[1]))
+        return functools.reduce(torch.add, carried)
 
 
 def bind(points: np.ndarray, x_rest: np.ndarray) -> Binding:
