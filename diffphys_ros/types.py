@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from .damping import Damping
 from .footprints import Footprint
 from .inpaint import nearest_known
 
@@ -307,8 +308,7 @@ class StartValues:
 
     young: np.ndarray  # [Pa], shape (n,)
     log10_young_sd: np.ndarray  # shape (n,)
-    mass_damping: float  # alpha [1/s]: force density -alpha rho v
-    stiffness_damping: float  # beta [s]: Kelvin-Voigt stress beta C : d(strain)/dt
+    damping: Damping[float]
     forced: np.ndarray  # frames in which a force may act, bool, shape (T,)
     footprint: Footprint  # where on the body the force acts
     force: np.ndarray  # amplitude per frame, body frame [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
@@ -401,8 +401,7 @@ class Recovery:
     grid: Grid  # body frame
     period_s: float  # between frames [s]
     substeps: int  # per frame
-    mass_damping: float  # [1/s]
-    stiffness_damping: float  # [s]
+    damping: Damping[float]
     initial_velocity: np.ndarray  # [m/s], world frame, shape (N, 3)
     identified: np.ndarray  # per part, bool, shape (n,)
     reasons: tuple[str, ...]  # per part, one sentence
