@@ -1,4 +1,4 @@
-"""What stored arrays must look like: shape, kind of number and bounds, by the fields of types.py.
+"""What stored arrays must look like: shape, kind of number and bounds, by the fields of types.
 
 A line is a kind and the lengths of the axes: "real T N 3". A letter stands for one length wherever it occurs; "?" before the kind means
 that the array may be absent. Kinds: real (finite floating point), gap (floating point that may be unknown), positive and amount (real > 0 and >= 0),
