@@ -17,6 +17,7 @@ import numpy as np
 
 from . import config, npz, shapes, store
 from . import folder as folders
+from .damping import Damping
 from .errors import InputError
 from .folder import check_writable
 from .footprints import Footprint
@@ -47,7 +48,7 @@ MOST_METRICS_BYTES = 2**26  # of metrics.json
 
 _FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "force", "trajectory", "clamped")
 _FRAME = ("initial_velocity", "world_from_body", "gravity")
-_SCALARS = ("apparent_stiffness", "period_s", "substeps", "mass_damping", "stiffness_damping")
+_SCALARS = ("apparent_stiffness", "period_s", "substeps")
 
 
 def owned(folder: str | Path) -> AbstractContextManager[Path]:
@@ -97,11 +98,12 @@ def load(folder: str | Path) -> Recovery:
 
 def _recovery(z: dict[str, np.ndarray], path: Path, metrics: dict[str, Any], notes: tuple[str, ...]) -> Recovery:
     """Raises KeyError for an array that is missing, shapes.MisshapenError for one of another shape."""
-    shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n", "force_identified": "truth", "force_reason": "text"} | {name: shapes.RECOVERY[name] for name in _SCALARS})
+    shapes.check(z, {"grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole", "reasons": "text n", "force_identified": "truth", "force_reason": "text"} | {name: shapes.RECOVERY[name] for name in _SCALARS} | shapes.DAMPING)
     fields: dict[str, Any] = {name: z[name] for name in (*_FIELDS, *_FRAME, "young", "identified")}
     return Recovery(
         **fields,
         **{name: z[name].item() for name in _SCALARS},
+        damping=Damping.of_stored(z),
         simulation=_simulation(z, path),
         frames=z.get("frames"),
         grid=store.built(Grid, z, "grid_"),
@@ -237,6 +239,7 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         **{name: getattr(recovery, name) for name in _FRAME},
         **store.flat(recovery.grid, "grid_"),
         **{name: getattr(recovery, name) for name in _SCALARS},
+        **recovery.damping.stored(),
         "identified": recovery.identified,
         "reasons": np.array(recovery.reasons),
         "force_identified": recovery.force_identified,

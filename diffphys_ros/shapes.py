@@ -1,4 +1,4 @@
-"""What stored arrays must look like: shape, kind of number and bounds, by the fields of types.py.
+"""What stored arrays must look like: shape, kind of number and bounds, by the fields of types.
 
 A line is a kind and the lengths of the axes: "real T N 3". A letter stands for one length wherever it occurs; "?" before the kind means
 that the array may be absent. Kinds: real (finite floating point), gap (floating point that may be unknown), positive and amount (real > 0 and >= 0),
@@ -26,8 +26,9 @@ BODY = {
     "world_from_body": "real 4 4", "inside": "truth X Y", "origin": "real 2", "pitch_m": "positive", "half_thickness": "amount X Y", "part": "whole X Y",
     "density": "positive n", "poisson": "real n", "gravity": "real 3",
 }  # fmt: skip
+DAMPING = {"mass_damping": "real", "stiffness_damping": "real"}
 START = {
-    "young": "positive n", "log10_young_sd": "gap n", "mass_damping": "real", "stiffness_damping": "real", "forced": "truth T",
+    "young": "positive n", "log10_young_sd": "gap n", "forced": "truth T",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
     "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
 }  # fmt: skip
@@ -40,7 +41,7 @@ ZONED = {"part": "whole n", "log_young_precision": "real n n"}
 RECOVERY = {
     "points": "real N 3", "volume": "positive N", "part": "whole N", "young": "gap N", "log10_young_sd": "gap N", "poisson": "real N", "density": "positive N",
     "force": "real T N 3", "trajectory": "real T N 3", "clamped": "truth N", "frames": "?pixel T H W 3", "world_from_body": "real 4 4", "gravity": "real 3",
-    "apparent_stiffness": "positive", "period_s": "positive", "substeps": "whole", "mass_damping": "real", "stiffness_damping": "real",
+    "apparent_stiffness": "positive", "period_s": "positive", "substeps": "whole",
     "initial_velocity": "real N 3", "identified": "truth n",
 }  # fmt: skip
 MPM = {
@@ -117,6 +118,7 @@ def check_body(body: Body) -> int:
 def check_start(start: StartValues, frames: int, parts: int) -> None:
     """Raises MisshapenError."""
     check(vars(start), START, {"T": frames, "n": parts})
+    check(start.damping.stored(), DAMPING)
     check(vars(start.footprint), {"parameters": f"real {3 if start.footprint.family == 'gaussian' else 0}"})
     require(start.footprint.family in FAMILIES, "the force has no known footprint")
     require(len(start.reasons) == parts, "there is not one reason per part")
@@ -139,6 +141,7 @@ def check_prior(prior: MaterialPrior, sizes: Sizes) -> None:
 def check_recovery(recovery: Recovery) -> None:
     """Raises MisshapenError."""
     sizes = check(vars(recovery), RECOVERY)
+    check(recovery.damping.stored(), DAMPING)
     parts = sizes["n"]
     require(min(sizes[letter] for letter in "NTn") > 0, "there is no particle, frame or part")
     require(recovery.part.min() >= 1 and recovery.part.max() <= parts, f"numbers of parts lie beyond 1 .. {parts}")

@@ -7,7 +7,7 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_origin
@@ -119,7 +119,8 @@ def save(path: str | Path, value: Any) -> Path:
 
 
 def encoded(value: Any) -> dict[str, np.ndarray]:
-    """The arrays that stand for a value (see `save`) in a file, its outline among them."""
+    """The arrays that stand for a value (see `save`) in a file, its outline among them. Fields of a dataclass with STORED, {name in files:
+    own name}, and stored() lie under these names beside those of the dataclass that holds it."""
     arrays: dict[str, np.ndarray] = {}
     outline = _encode(value, arrays)
     return {_OUTLINE: np.array(json.dumps(outline)), **arrays}
@@ -169,8 +170,15 @@ def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
         return {"dict": {str(key): _encode(item, arrays) for key, item in value.items()}}
     kind = type(value).__name__
     if dataclasses.is_dataclass(value):
-        return {"class": kind, "fields": {f.name: _encode(getattr(value, f.name), arrays) for f in dataclasses.fields(value)}}
+        return {"class": kind, "fields": {name: _encode(item, arrays) for name, item in _beside(value)}}
     raise TypeError(f"cannot store a {kind}")
+
+
+def _beside(value: Any) -> Iterator[tuple[str, Any]]:
+    """Fields of a dataclass, and in place of one with STORED those of it."""
+    for f in dataclasses.fields(value):
+        field = getattr(value, f.name)
+        yield from field.stored().items() if hasattr(field, "STORED") else [(f.name, field)]
 
 
 def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str, type], levels: int) -> Any:
@@ -190,4 +198,7 @@ def _decode(outline: Any, arrays: Mapping[str, np.ndarray], classes: Mapping[str
             return kind(inner(item) for item in outline[kind.__name__])
     if "dict" in outline:
         return {key: inner(item) for key, item in outline["dict"].items()}
-    return fitting(classes[outline["class"]], {key: inner(item) for key, item in outline["fields"].items()})
+    cls, fields = classes[outline["class"]], {key: inner(item) for key, item in outline["fields"].items()}
+    held = {name: kind for name, kind in kinds_of(cls).items() if hasattr(kind, "STORED")}
+    built = {name: fitting(kind, {own: fields.pop(key) for key, own in kind.STORED.items()}) for name, kind in held.items()}
+    return fitting(cls, dict(**fields, **built))

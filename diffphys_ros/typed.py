@@ -24,13 +24,14 @@ def fitting(cls: Any, values: Mapping[str, Any]) -> Any:
 
 @cache
 def kinds_of(cls: Any) -> dict[str, Any]:
-    """Annotations by field. Raises TypeError where `cls` is no dataclass."""
-    hints = typing.get_type_hints(cls)
-    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
+    """Annotations by field, of a generic class X[Y] with Y in its place. Raises TypeError where `cls` is no dataclass."""
+    base = typing.get_origin(cls) or cls
+    hints, given = typing.get_type_hints(base), dict(zip(getattr(base, "__parameters__", ()), typing.get_args(cls), strict=False))
+    return {field.name: given.get(hints[field.name], hints[field.name]) for field in dataclasses.fields(base)}
 
 
 def _is(value: Any, kind: Any) -> bool:
-    """Whether a value is what an annotation says: a class, None, Any, X | Y, tuple[X, ...], list[X], dict[X, Y]."""
+    """Whether a value is what an annotation says: a class or generic X[Y], None, Any, X | Y, tuple[X, ...], list[X], dict[X, Y]."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if kind is Any:
         return True
@@ -44,4 +45,4 @@ def _is(value: Any, kind: Any) -> bool:
         return isinstance(value, origin) and all(_is(item, arguments[0]) for item in value)
     if kind in (int, float) and isinstance(value, int):
         return not isinstance(value, bool) and abs(value) < LARGEST
-    return isinstance(value, kind)
+    return isinstance(value, origin or kind)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from diffphys_ros.damping import Damping
 from diffphys_ros.types import Camera, Clip, Grid, MpmProblem, Recovery
 
 FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
@@ -112,8 +113,7 @@ def make_recovery(made_clip: Clip) -> Recovery:
         grid=Grid(np.array([-0.03, -0.03, -0.03]), SPACING, (16, 8, 8), 3),
         period_s=PERIOD_S,
         substeps=40,
-        mass_damping=0.2,
-        stiffness_damping=1e-3,
+        damping=Damping(0.2, 1e-3),
         initial_velocity=np.zeros((count, 3)),
         identified=np.array([True, True]),
         reasons=("seen in two frequencies", "seen in two frequencies"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from diffphys_ros.config import Scene, Settings
+from diffphys_ros.damping import Damping
 from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.elements.mesh import element_size, solid_mesh
 from diffphys_ros.modes.model import ModalModel
@@ -69,7 +70,7 @@ def gust(direction: tuple[float, float, float] = (0.0, 0.6, 1.0), peak: float = 
 def motion(modal: ModalModel, young: np.ndarray, force: np.ndarray, **start: np.ndarray) -> np.ndarray:
     """Basis coordinates (T, r) under a uniform force."""
     load = force @ modal.footprint_load().T
-    return modal.respond(young, mass_damping=0.0, stiffness_damping=BETA, load=load, period_s=PERIOD_S, **start)
+    return modal.respond(young, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S, **start)
 
 
 def camera() -> Camera:

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.modes.model import ModalModel
@@ -28,8 +29,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
     start = StartValues(
         young=np.array([1e5, 2e4]),
         log10_young_sd=np.array([0.02, 0.03]),
-        mass_damping=0.1,
-        stiffness_damping=1e-3,
+        damping=Damping(0.1, 1e-3),
         forced=np.arange(frames) < 5,
         footprint=Footprint(),
         force=rng.normal(size=(frames, 3)),

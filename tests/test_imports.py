@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "footprints", "types", "config", "devices", "progress", "linear_systems", "rotations", "inpaint", "colours"}
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "rotations", "inpaint", "colours"}
 SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
@@ -25,9 +25,10 @@ OUTPUT = FILES | {"folder", "result", "report", "score"}
 # room -> rooms that it may import beside itself
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
+    "damping": set(),
     "footprints": {"errors"},
     "inpaint": set(),
-    "types": {"errors", "footprints", "inpaint"},
+    "types": {"errors", "damping", "footprints", "inpaint"},
     "config": {"errors"},
     "devices": {"errors"},
     "progress": set(),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros import config, result, store
+from diffphys_ros.damping import Damping
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.types import Clip, Doubt, ModalProblem, MpmProblem, Recovery
@@ -243,6 +244,8 @@ def changed(array: np.ndarray, value: float) -> np.ndarray:
     ("name", "change", "said"),
     [
         ("period_s", lambda a: np.ones(2), r"period_s is of shape \(2,\), must be \(\)"),
+        ("mass_damping", lambda a: a * np.nan, "mass_damping must be finite"),
+        ("stiffness_damping", lambda a: np.ones(2), r"stiffness_damping is of shape \(2,\)"),
         ("substeps", lambda a: np.array("many"), "substeps is of <U4, must be whole"),
         ("grid_size", lambda a: a[:2], r"grid_size is of shape \(2,\)"),
         ("grid_size", lambda a: a * 10**6, "the grid has more than 100000000 nodes"),
@@ -289,6 +292,8 @@ def with_outline(path: Path, change) -> Path:  # type: ignore[no-untyped-def]
         lambda text: text.replace('"class": "Clip"', '"class": ["Clip"]'),
         lambda text: text.replace('"frames": {"array": "array_000"}', '"frames": "array_000"'),
         lambda text: text.replace('"noise_m": 0.0001', '"noise_m": "small"'),
+        lambda text: text.replace('"mass_damping": 0.1', '"mass_damping": "small"'),
+        lambda text: text.replace('"mass_damping": 0.1, ', ""),
         lambda text: text.replace('"has_free_tail": true', '"has_free_tail": 1'),
         lambda text: text.replace('"start_ns": 17', '"start_ns": 9' + "9" * 30 + "17"),
         lambda text: text.replace("array_000", "array_999"),
@@ -312,6 +317,7 @@ def test_a_prepared_clip_whose_outline_is_not_ours_is_refused(tmp_path: Path, ma
         ("body", {"part": np.full((4, 3), 3, np.uint8)}, "numbers of parts lie beyond 1 .. 2"),
         ("body", {"pitch_m": float("nan")}, "pitch_m must be finite"),
         ("start", {"young": np.ones(3)}, r"young is of shape \(3,\)"),
+        ("start", {"damping": Damping(np.inf, 1e-3)}, "mass_damping must be finite"),
         ("start", {"reasons": ()}, "one reason per part"),
         ("modal", {"tets": np.full((1, 10), 99)}, "elements name nodes that there are none of"),
         ("clip", {"labels": None}, "clip is without labels"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros import store
+from diffphys_ros.damping import Damping
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera, Clip, Grid
 
@@ -20,6 +22,13 @@ class Shelf:
     table: np.ndarray
     inner: Shelf | None = None
     words: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Swing:
+    period_s: float
+    damping: Damping[float]
+    bodies: int
 
 
 @dataclass(frozen=True)
@@ -38,6 +47,24 @@ def test_nested_dataclasses_come_back_as_they_were(tmp_path: Path) -> None:
     assert (back.books, back.words, back.inner.width, back.inner.inner) == (("x", "y"), {"a": "b"}, 0.5, None)
     assert back.inner.table.dtype == np.uint8
     np.testing.assert_array_equal(back.table, np.eye(2))
+
+
+def test_damping_lies_beside_the_fields_of_what_is_damped(tmp_path: Path) -> None:
+    swing = Swing(0.5, Damping(0.1, 1e-3), 2)
+    path = store.save(tmp_path / "a.npz", swing)
+    outline = json.loads(str(store.read_arrays(path, "swing")["outline"]))
+    assert list(outline["fields"].items()) == [("period_s", 0.5), ("mass_damping", 0.1), ("stiffness_damping", 1e-3), ("bodies", 2)]
+    assert store.load(path, (Swing,)) == swing
+
+
+@pytest.mark.parametrize(
+    "change", [{"mass_damping": "small"}, {"mass_damping": None}, {"mass_damping": True}, {"damping": 0.1}, {"stiffness": 0.1}], ids=lambda change: str(change)
+)
+def test_damping_of_another_kind_is_refused(tmp_path: Path, change: dict[str, object]) -> None:
+    fields = {"period_s": 0.5, "mass_damping": 0.1, "stiffness_damping": 1e-3, "bodies": 2} | change
+    path = store.write_arrays(tmp_path / "a.npz", {"outline": np.array(json.dumps({"class": "Swing", "fields": fields}))})
+    with pytest.raises(InputError, match="written by another version"):
+        store.load(path, (Swing,))
 
 
 def test_a_clip_keeps_its_camera_and_its_missing_depth(tmp_path: Path, made_clip: Clip) -> None:

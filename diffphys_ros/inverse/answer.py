@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ..damping import Damping
 from ..metrics.image import psnr_frozen_frame, psnr_masked, ssim_masked
 from ..particles import held_by
 from ..types import Clip, ModalProblem, MpmProblem, Recovery, object_mask
@@ -30,8 +31,7 @@ class Core:
     force: np.ndarray  # amplitude of the family [N/m^3], (T, 3)
     field_force: np.ndarray | None  # on top of it [N/m^3], (T - 1, P, 3)
     velocity0: np.ndarray  # [m/s], (P, 3)
-    mass_damping: float  # [1/s]
-    stiffness_damping: float  # [s]
+    damping: Damping[float]
     simulation: MpmProblem | ModalProblem  # that gave the displacement
 
     @property
@@ -58,8 +58,7 @@ def simulated_answer(forward: ForwardModel, terms: Terms) -> Core:
         array(unknowns.force),
         None if motion.field_force is None else array(motion.field_force),
         array(motion.start.v),
-        float(unknowns.mass_damping),
-        float(unknowns.stiffness_damping),
+        unknowns.damping.numbers(),
         mpm_problem(forward, motion),
     )
 
@@ -105,8 +104,8 @@ def linear_answer(prepared: Prepared, disc: Discretisation) -> Core:
     start = prepared.start
     displacement, F = linear_motion(prepared, disc.basis, disc.basis_gradient)
     velocity0, p = disc.basis @ start.initial_velocity, disc.particles
-    young, damping = start.young[p.part - 1], (start.mass_damping, start.stiffness_damping)
-    return Core(young, p.poisson, p.density, displacement, F, start.force, None, velocity0, *damping, modal_problem(prepared, disc))
+    young = start.young[p.part - 1]
+    return Core(young, p.poisson, p.density, displacement, F, start.force, None, velocity0, start.damping, modal_problem(prepared, disc))
 
 
 def modal_problem(prepared: Prepared, disc: Discretisation) -> ModalProblem:
@@ -164,8 +163,7 @@ def assemble(
         grid=disc.grid,
         period_s=prepared.clip.period_s,
         substeps=substeps,
-        mass_damping=core.mass_damping,
-        stiffness_damping=core.stiffness_damping,
+        damping=core.damping,
         initial_velocity=body.rotate_to_world(core.velocity0[own]),
         identified=confidence.identified,
         reasons=confidence.reasons,

@@ -95,8 +95,7 @@ def _as_start(fitted: Fitted) -> StartValues:
     return replace(
         problem.prepared.start,
         young=found.young.numpy() * problem.disc.apparent,
-        mass_damping=float(found.mass_damping),
-        stiffness_damping=float(found.stiffness_damping),
+        damping=found.damping.numbers(),
         force=found.force.numpy(),
         initial_displacement=found.initial_displacement.numpy(),
         initial_velocity=found.initial_velocity.numpy(),

@@ -27,8 +27,7 @@ def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_m
     jacobian = modal.track_jacobian(
         target.rest_points,
         start.young,
-        mass_damping=start.mass_damping,
-        stiffness_damping=start.stiffness_damping,
+        damping=start.damping,
         footprint=footprint_load(prepared),
         force=start.force,
         frames=layout.forced,

@@ -214,10 +214,10 @@ class ForwardModel:
             young,
             poisson,
             self.density_of(unknowns.force),
-            unknowns.mass_damping,
+            unknowns.damping.mass_per_s,
             density=self._density(unknowns),
             push=push,
-            after_frame=lambda state: self.damping.kick(state, unknowns.stiffness_damping),
+            after_frame=lambda state: self.damping.kick(state, unknowns.damping.stiffness_s),
             report=report,
         )
 

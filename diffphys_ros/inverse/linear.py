@@ -12,8 +12,7 @@ def linear_coordinates(prepared: Prepared) -> np.ndarray:
     start, modal, load = prepared.start, prepared.modal, footprint_load(prepared)
     return modal.respond(
         start.young,
-        mass_damping=start.mass_damping,
-        stiffness_damping=start.stiffness_damping,
+        damping=start.damping,
         load=start.force @ load.T,
         period_s=prepared.clip.period_s,
         initial_displacement=start.initial_displacement,

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from ..damping import Damping
 from .forward import FieldForce, ForwardModel, Motion
 from .linear import footprint_load
 from .unknowns import Unknowns
@@ -55,21 +56,22 @@ class LinearModel:
         matrix and not by eigenmodes: a body that is as thick as wide has equal frequencies, whose modes have no derivative."""
         young = unknowns.young.to(**DOUBLE) * self.forward.disc.apparent
         stiffness = torch.einsum("i,iab->ab", young, self.stiffness) + self.added
-        transition, push = self._step(stiffness, unknowns.mass_damping.to(**DOUBLE), unknowns.stiffness_damping.to(**DOUBLE))
+        transition, push = self._step(stiffness, unknowns.damping)
         state = torch.cat([unknowns.initial_displacement.to(**DOUBLE), unknowns.initial_velocity.to(**DOUBLE)])
         rows = [state]
         for acting in unknowns.force.to(**DOUBLE)[:-1] @ self.load.T:
             rows.append(transition @ rows[-1] + push @ acting)
         return torch.stack(rows)[:, : len(stiffness)]
 
-    def _step(self, stiffness: torch.Tensor, mass_damping: torch.Tensor, stiffness_damping: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _step(self, stiffness: torch.Tensor, damping: Damping[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         """Of q'' + (alpha + beta K) q' + K q = p over a frame: what becomes of a state (q, q'), (2 r, 2 r), and what a load p adds, (2 r, r).
 
         Rates are counted in units of the fastest frequency, so that no entry outgrows the others."""
         r, unit = len(stiffness), torch.eye(len(stiffness), **DOUBLE)
         fast = stiffness.diagonal().max().detach().clamp_min(1.0).sqrt()
         none = torch.zeros_like(stiffness)
-        rows = [[none, fast * unit, none], [-stiffness / fast, -mass_damping * unit - stiffness_damping * stiffness, unit / fast], [none, none, none]]
+        alpha, beta = damping.mass_per_s.to(**DOUBLE), damping.stiffness_s.to(**DOUBLE)
+        rows = [[none, fast * unit, none], [-stiffness / fast, -alpha * unit - beta * stiffness, unit / fast], [none, none, none]]
         exponential = torch.linalg.matrix_exp(torch.cat([torch.cat(row, 1) for row in rows]) * self.forward.prepared.clip.period_s)
         scale = torch.cat([torch.ones(r, **DOUBLE), fast.expand(r)])
         return scale[:, None] * exponential[: 2 * r, : 2 * r] / scale, scale[:, None] * exponential[: 2 * r, 2 * r :]

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import shapes, store
 from ..config import Settings
+from ..damping import Damping
 from ..errors import InputError
 from ..types import Body, StartValues
 from .prepared import Prepared
@@ -18,7 +19,7 @@ FILE = "recovery.npz"
 TOLD_SD = 0.01  # of log10 E that is told
 TOLD = {
     "points": "real N 3", "part": "whole N", "volume": "positive N", "young": "gap N", "force": "real T N 3", "clamped": "truth N",
-    "mass_damping": "real", "stiffness_damping": "real",
+    **shapes.DAMPING,
 }  # fmt: skip
 
 
@@ -39,7 +40,7 @@ def prescribed(prepared: Prepared, settings: Settings) -> Prepared:
         reasons = ("told by fit.prescribe.",) * body.parts
         start = replace(start, young=young, log10_young_sd=np.full(body.parts, TOLD_SD), identified=np.ones(body.parts, bool), reasons=reasons)
     if "damping" in held:
-        start = replace(start, mass_damping=float(told["mass_damping"]), stiffness_damping=float(told["stiffness_damping"]))
+        start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:
         force = _amplitudes(told, body, start)
         start = replace(start, force=force, forced=np.abs(force).max(1) > 0)

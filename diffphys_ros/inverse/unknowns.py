@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..damping import Damping
 from ..errors import InputError, short
 from ..types import Body, StartValues
 
@@ -43,8 +44,7 @@ class Unknowns:
     """What a vector z stands for; torch tensors that carry gradients to it."""
 
     young: torch.Tensor  # per part [Pa], (n,)
-    mass_damping: torch.Tensor  # alpha [1/s], ()
-    stiffness_damping: torch.Tensor  # beta [s], ()
+    damping: Damping[torch.Tensor]  # ()
     force: torch.Tensor  # amplitude per frame, body frame [N/m^3], (T, 3); zero off the support
     initial_displacement: torch.Tensor  # modal coordinates, (r,)
     initial_velocity: torch.Tensor  # modal coordinates [1/s], (r,)
@@ -61,9 +61,8 @@ class Layout:
     """
 
     young: np.ndarray  # start values [Pa], (n,)
-    mass_damping: float  # start value [1/s]
-    stiffness_damping: float  # start value [s]
-    stiffness_unit_s: float  # unit of beta [s]
+    damping: Damping[float]  # start value
+    damping_unit: Damping[float]
     forced: np.ndarray  # frames that may carry a force, (F,) int
     frames: int
     force_unit: float  # [N/m^3]
@@ -89,10 +88,9 @@ class Layout:
                 np.zeros(2 * len(start.young)),
             ]
         )
-        beta_unit = max(start.stiffness_damping, LEAST_BETA_UNIT_S)
-        damping = (start.mass_damping, start.stiffness_damping, beta_unit)
+        damping_unit = Damping(DAMPING_UNIT_PER_S, max(start.damping.stiffness_s, LEAST_BETA_UNIT_S))
         return cls(
-            start.young.copy(), *damping, forced, len(start.forced), force_unit, units, body.density, body.poisson, frozenset(held), z
+            start.young.copy(), start.damping, damping_unit, forced, len(start.forced), force_unit, units, body.density, body.poisson, frozenset(held), z
         )
 
     @property
@@ -152,8 +150,10 @@ class Layout:
         motion = torch.nn.functional.pad(motion, (0, modes - motion.shape[1]))
         return Unknowns(
             young=torch.as_tensor(self.young, **like) * torch.exp(at["young"]),
-            mass_damping=self.mass_damping + DAMPING_UNIT_PER_S * at["damping"][0],
-            stiffness_damping=self.stiffness_damping + self.stiffness_unit_s * at["damping"][1],
+            damping=Damping(
+                self.damping.mass_per_s + self.damping_unit.mass_per_s * at["damping"][0],
+                self.damping.stiffness_s + self.damping_unit.stiffness_s * at["damping"][1],
+            ),
             force=force,
             initial_displacement=motion[0],
             initial_velocity=motion[1],
@@ -166,7 +166,7 @@ class Layout:
         return np.concatenate(
             [
                 np.ones(self.parts),
-                [DAMPING_UNIT_PER_S, self.stiffness_unit_s],
+                [self.damping_unit.mass_per_s, self.damping_unit.stiffness_s],
                 np.full(3 * len(self.forced), self.force_unit),
                 self.motion_unit.ravel(),
             ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..damping import Damping
 from ..linear_systems import solved
 from . import interpolation
 from .response import SLOWEST, Step, convolve
@@ -86,18 +87,17 @@ class ModalModel:
         """Basis coordinates (r,) of the static displacement under gravity: frame 0 minus the stress-free shape, to first order."""
         return solved(self.elastic(young), self.gravity_load)
 
-    def step(self, young: np.ndarray, mass_damping: float, stiffness_damping: float, period_s: float) -> tuple[Step, np.ndarray]:
+    def step(self, young: np.ndarray, damping: Damping[float], period_s: float) -> tuple[Step, np.ndarray]:
         """Exact transition of the eigenmodes over a frame, and their shapes (r, r)."""
         omega2, shapes = self.eigen(young)
         omega2 = np.maximum(omega2, SLOWEST**2)
-        return Step.of(omega2, 0.5 * (mass_damping + stiffness_damping * omega2), period_s), shapes
+        return Step.of(omega2, damping.decay(omega2), period_s), shapes
 
     def respond(
         self,
         young: np.ndarray,
         *,
-        mass_damping: float,
-        stiffness_damping: float,
+        damping: Damping[float],
         load: np.ndarray,
         period_s: float,
         initial_displacement: np.ndarray | None = None,
@@ -105,7 +105,7 @@ class ModalModel:
     ) -> np.ndarray:
         """Basis coordinates (T, r) at the frame times; load (T, r) [N/kg^1/2] is constant within a frame (load[k] acts in
         [t_k, t_k+1)). Exact for the linear model, whatever the frequencies."""
-        step, shapes = self.step(young, mass_damping, stiffness_damping, period_s)
+        step, shapes = self.step(young, damping, period_s)
         free = np.zeros(load.shape)
         for start, history in zip((initial_displacement, initial_velocity), np.swapaxes(step.released(len(load)), 0, 1), strict=True):
             if start is not None:
@@ -116,8 +116,7 @@ class ModalModel:
         self,
         young: np.ndarray,
         *,
-        mass_damping: float,
-        stiffness_damping: float,
+        damping: Damping[float],
         footprint: np.ndarray,
         force: np.ndarray,
         frames: np.ndarray,
@@ -138,8 +137,7 @@ class ModalModel:
         def at(change: np.ndarray) -> np.ndarray:
             return self.respond(
                 young * np.exp(change[:n]),
-                mass_damping=mass_damping + change[n],
-                stiffness_damping=stiffness_damping + change[n + 1],
+                damping=Damping(damping.mass_per_s + change[n], damping.stiffness_s + change[n + 1]),
                 load=force @ footprint.T,
                 period_s=period_s,
                 initial_displacement=initial_displacement,
@@ -148,7 +146,7 @@ class ModalModel:
 
         steps = np.diag([LOG_STEP] * n + list(DAMPING_STEP))
         physics = [(at(h) - at(-h)) / (2 * h.sum()) for h in steps]
-        step, shapes = self.step(young, mass_damping, stiffness_damping, period_s)
+        step, shapes = self.step(young, damping, period_s)
         pulse, forced = step.pulse(count), np.zeros((count, self.modes, len(frames), 3))
         for i, k in enumerate(frames):
             forced[k:, :, i] = np.einsum("as,ts,sc->tac", shapes, pulse[: count - k], shapes.T @ footprint)

@@ -17,8 +17,7 @@ def eigenmodes(recovery: Recovery, problem: ModalProblem, young_scale: float, fo
     model = ModalModel(*nowhere, problem.basis, problem.elastic[None], problem.geometric, retuning, np.zeros(count), np.ones(1))
     q = model.respond(
         np.array([young_scale]),
-        mass_damping=recovery.mass_damping,
-        stiffness_damping=recovery.stiffness_damping,
+        damping=recovery.damping,
         load=force_scale * problem.force @ problem.load.T,
         period_s=recovery.period_s,
         initial_displacement=problem.initial_displacement,

@@ -32,14 +32,14 @@ def material_points(
     field = None if problem.field_force is None else force_scale * see(problem.field_force)
     frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
     damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies)
-    beta = see(recovery.stiffness_damping)
+    beta = see(recovery.damping.stiffness_s)
     with torch.no_grad():
         states = simulator.rollout(
             start,
             see(young),
             see(problem.poisson),
             force,
-            see(recovery.mass_damping),
+            see(recovery.damping.mass_per_s),
             push=None if field is None else lambda state, frame: field[frame],
             after_frame=lambda state: damping.kick(state, beta),
             report=report,

@@ -79,7 +79,7 @@ class ForceProblem:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
         omega2, shapes = self.modal.eigen(physics.young)
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
-        step = Step.of(omega2, 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2), self.period_s)
+        step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
         unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
         initial_unit = self._initial_unit(omega2)

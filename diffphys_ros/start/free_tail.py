@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..damping import Damping
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
 
@@ -34,19 +35,18 @@ class Physics:
     """A point of the search."""
 
     young: np.ndarray  # [Pa], (n,)
-    mass_damping: float  # [1/s]
-    stiffness_damping: float  # [s]
+    damping: Damping[float]
     detune: np.ndarray  # log of the body's frequencies over the model's, leading modes, (k,)
 
     @classmethod
     def of(cls, vector: np.ndarray, parts: int) -> Physics:
         """From log E per part, then alpha, beta and detune over their prior standard deviations."""
         alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
-        return cls(np.exp(vector[:parts]), float(alpha), float(beta), FREQUENCY_SD * vector[parts + 2 :])
+        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[parts + 2 :])
 
     def vector(self) -> np.ndarray:
         """The inverse of `of`, (n + 2 + k,)."""
-        damping = self.mass_damping / MASS_DAMPING_SD, self.stiffness_damping / STIFFNESS_DAMPING_SD
+        damping = self.damping.mass_per_s / MASS_DAMPING_SD, self.damping.stiffness_s / STIFFNESS_DAMPING_SD
         return np.r_[np.log(self.young), damping, self.detune / FREQUENCY_SD]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -122,7 +122,7 @@ class Tail:
         omega2, shapes = self.modal.eigen(physics.young)
         count = int(np.clip((omega2 < (2 * np.pi * FASTEST / self.period_s) ** 2).sum(), 1, self.most_modes))
         omega2 = np.maximum(omega2[:count], 1e-2)
-        decay = 0.5 * (physics.mass_damping + physics.stiffness_damping * omega2)
+        decay = physics.damping.decay(omega2)
         return np.sqrt(np.maximum(omega2 - decay**2, 1e-2)), decay, self.seen.operator @ shapes[:, :count]
 
     def residual(self, vector: np.ndarray) -> np.ndarray:
@@ -149,7 +149,8 @@ class Tail:
         """
         beta = max(2 * decay_per_s, 0.0) / (2 * np.pi * observed_hz) ** 2
         still = np.zeros(DETUNED)
-        starts = [Physics(self.matched(young * r, observed_hz), 0.0, min(beta, 0.5 * MOST_STIFFNESS_DAMPING), still) for r in start_ratios(len(young))]
+        damping = Damping(0.0, min(beta, 0.5 * MOST_STIFFNESS_DAMPING))
+        starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]
         return min(found, key=lambda pair: pair[0])[1]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..damping import Damping
 from ..footprints import Footprint
 from ..modes.model import ModalModel
 from ..vibration.forced_frames import Support, bridged
@@ -25,7 +26,7 @@ RIGID = 1e-9  # squared frequencies below this share of the largest are rigid mo
 BASES = 3  # most times that the basis is moved to the fit
 SETTLED = 0.1  # change of log E that needs no new basis
 STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
-PRIOR_DAMPING = 1e-3  # stiffness damping of a guess [s]
+PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess
 SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept
 ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen
 ACTIVE = 0.15  # share of the largest force above which a frame counts as forced
@@ -174,7 +175,7 @@ def _standing(fit: Fit, young: np.ndarray, elements: Elements) -> Fit:
 
 def guessed(young: np.ndarray) -> Physics:
     """Moduli (n,) [Pa] that were not fitted."""
-    return Physics(young, 0.0, PRIOR_DAMPING, np.zeros(0))
+    return Physics(young, PRIOR_DAMPING, np.zeros(0))
 
 
 def _sparse(fit: Fit, *, weight: float) -> Fit:

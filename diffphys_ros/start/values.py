@@ -144,8 +144,7 @@ def of_motion(fit: Fit) -> dict[str, Any]:
     solution = whole.solve(physics, load)
     return {
         "young": physics.young,
-        "mass_damping": physics.mass_damping,
-        "stiffness_damping": physics.stiffness_damping,
+        "damping": physics.damping,
         "forced": whole.allowed,
         "footprint": fit.footprint,
         "force": solution.force,
@@ -160,8 +159,7 @@ def _track_cost(fit: Fit, solution: Solution, load: np.ndarray) -> float:
     """Mean squared misfit of the linear motion on the raw tracks over their mean squared motion."""
     q = fit.modal.respond(
         fit.physics.young,
-        mass_damping=fit.physics.mass_damping,
-        stiffness_damping=fit.physics.stiffness_damping,
+        damping=fit.physics.damping,
         load=solution.force @ load.T,
         period_s=fit.evidence.period_s,
         initial_displacement=solution.initial_displacement,

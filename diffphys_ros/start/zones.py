@@ -81,7 +81,7 @@ def zone_values(
     support = find_support(motion.coordinates, motion.known, period_s, at_rest=settings.scene.at_rest, noise_m=motion.noise_m)
     evidence = Evidence(zoned, tracks, motion, period_s, settings)
     fit = _ZoneFit(evidence, Elements.of(zoned), support, division, _believed(zoned, division, pattern))
-    physics = fit.first(Physics(start.young[division.part - 1], start.mass_damping, start.stiffness_damping, np.zeros(DETUNED)))
+    physics = fit.first(Physics(start.young[division.part - 1], start.damping, np.zeros(DETUNED)))
     physics, modal = fit.settled(physics, fit.tail_misfit, levels=LEVELS)
     edges = fit.whole(modal).edges(physics)
     if any(edges):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.config import build
+from diffphys_ros.damping import Damping
 from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.inverse.prepared import Prepared
@@ -58,7 +59,7 @@ def make_start(body: Body, modal, young=YOUNG, force_peak=600.0) -> StartValues:
     r = modal.modes
     f = modal.frequencies(young)
     return StartValues(
-        young.copy(), np.full(2, 0.03), 0.2, 1e-3, forced, Footprint(), force, np.zeros(r), np.zeros(r),
+        young.copy(), np.full(2, 0.03), Damping(0.2, 1e-3), forced, Footprint(), force, np.zeros(r), np.zeros(r),
         f, f[:1], np.zeros(1), 1e-4, np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01),
     )  # fmt: skip
 
@@ -69,8 +70,7 @@ def make_tracks(body: Body, modal, start: StartValues, has_depth=True) -> Tracks
     points0 = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.05)], -1)
     q = modal.respond(
         start.young,
-        mass_damping=start.mass_damping,
-        stiffness_damping=start.stiffness_damping,
+        damping=start.damping,
         load=start.force @ modal.footprint_load().T,
         period_s=PERIOD_S,
     )

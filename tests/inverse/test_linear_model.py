@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from diffphys_ros.config import build, flat, leaves
+from diffphys_ros.damping import Damping
 from diffphys_ros.inverse import Checkpoint, solve
 from diffphys_ros.inverse.engines import engines
 from diffphys_ros.inverse.linear import linear_coordinates
@@ -46,8 +47,7 @@ def test_a_released_body_swings_as_the_modal_model_says() -> None:
     unknowns = unknowns_at(problem, z)
     expected = prepared.modal.respond(
         prepared.start.young,
-        mass_damping=0.2,
-        stiffness_damping=1e-3,
+        damping=Damping(0.2, 1e-3),
         load=prepared.start.force @ prepared.modal.footprint_load().T,
         period_s=prepared.clip.period_s,
         initial_displacement=unknowns.initial_displacement.numpy(),

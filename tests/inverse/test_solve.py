@@ -7,6 +7,7 @@ import pytest
 
 from diffphys_ros import result
 from diffphys_ros.config import build, flat
+from diffphys_ros.damping import Damping
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import Checkpoint, solve
 from diffphys_ros.inverse.apparent_stiffness import measure_apparent, motion_share
@@ -152,7 +153,7 @@ def test_an_unknown_initial_motion_is_recovered(prepared):
     a[0] = 0.012 / np.abs(modal.evaluate(body.to_body(prepared.tracks.points[0]))[0][..., 0]).max()
     frames = len(clip)
     still = np.zeros((frames, 3))
-    q = modal.respond(YOUNG, mass_damping=0.2, stiffness_damping=1e-3, load=still @ np.zeros((3, modal.modes)), period_s=clip.period_s, initial_displacement=a)
+    q = modal.respond(YOUNG, damping=Damping(0.2, 1e-3), load=still @ np.zeros((3, modal.modes)), period_s=clip.period_s, initial_displacement=a)
     points0 = prepared.tracks.points[0]
     points = points0 + np.einsum("mcr,tr->tmc", modal.evaluate(points0)[0], q - q[:1])
     tracks = dataclasses.replace(prepared.tracks, points=points)

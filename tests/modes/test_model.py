@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from diffphys_ros import store
+from diffphys_ros.damping import Damping
 from diffphys_ros.elements.mesh import solid_mesh
 from diffphys_ros.modes import interpolation
 from diffphys_ros.modes.model import ModalModel
@@ -73,7 +74,7 @@ def test_very_stiff_modes_follow_the_load_without_overflow():
 def test_a_constant_load_ends_in_the_static_displacement(modal):
     force = np.tile([0.0, 50.0, 0.0], (400, 1))
     load = force @ modal.footprint_load().T
-    q = modal.respond(YOUNG, mass_damping=8.0, stiffness_damping=0.0, load=load, period_s=PERIOD_S)
+    q = modal.respond(YOUNG, damping=Damping(8.0, 0.0), load=load, period_s=PERIOD_S)
     assert q[-1] == pytest.approx(np.linalg.solve(modal.matrix(YOUNG), load[0]), rel=1e-3, abs=1e-9)
 
 
@@ -82,14 +83,14 @@ def test_the_jacobian_agrees_with_differences_of_the_response(modal):
     force, frames = gust(), np.arange(2, 12)
     start = {"initial_displacement": 1e-3 * rng.standard_normal(modal.modes), "initial_velocity": 1e-2 * rng.standard_normal(modal.modes)}
     footprint = modal.footprint_load()
-    physics = {"mass_damping": 0.2, "stiffness_damping": BETA, "period_s": PERIOD_S}
+    physics = {"damping": Damping(0.2, BETA), "period_s": PERIOD_S}
     found = modal.jacobian(YOUNG, footprint=footprint, force=force, frames=frames, initial_modes=2, **physics, **start)
 
     def response(z: np.ndarray) -> np.ndarray:
         moved = force.copy()
         moved[frames] += z[4:34].reshape(-1, 3)
         begun = {name: value + np.pad(z[k : k + 2], (0, modal.modes - 2)) for (name, value), k in zip(start.items(), (34, 36), strict=True)}
-        changed = dict(physics, mass_damping=0.2 + z[2], stiffness_damping=BETA + z[3])
+        changed = dict(physics, damping=Damping(0.2 + z[2], BETA + z[3]))
         return modal.respond(YOUNG * np.exp(z[:2]), load=moved @ footprint.T, **changed, **begun)
 
     steps = np.r_[1e-3, 1e-3, 1e-2, 1e-5, np.full(30, 1.0), np.full(4, 1e-3)]
@@ -101,7 +102,7 @@ def test_the_jacobian_agrees_with_differences_of_the_response(modal):
 
 def test_track_derivatives_are_those_of_the_points(modal):
     points, force = np.array([[0.29, 0.02, 0.06], [0.1, -0.03, -0.05]]), gust()
-    arguments = {"mass_damping": 0.0, "stiffness_damping": BETA, "footprint": modal.footprint_load(), "force": force, "frames": np.arange(3, 11), "period_s": PERIOD_S}
+    arguments = {"damping": Damping(0.0, BETA), "footprint": modal.footprint_load(), "force": force, "frames": np.arange(3, 11), "period_s": PERIOD_S}
     derivative = modal.track_jacobian(points, YOUNG, **arguments)
     assert derivative.shape == (FRAMES, 2, 3, 2 + 2 + 24)
     stiffer = np.einsum("mcr,tr->tmc", modal.evaluate(points)[0], motion(modal, YOUNG * (1.001, 1.0), force) - motion(modal, YOUNG / (1.001, 1.0), force))

@@ -133,7 +133,7 @@ LEFT_OUT = {
     "velocity gradient": ("moving", zeroed("velocity_gradient")),
     "frequencies of the damping": ("at rest", zeroed("damping_frequencies")),
     "gradients of the damping's modes": ("at rest", zeroed("damping_gradients")),
-    "mass damping": ("at rest", zeroed("mass_damping")),
+    "mass damping": ("at rest", lambda r: dataclasses.replace(r, damping=dataclasses.replace(r.damping, mass_per_s=0.0))),
     "pose": ("at rest", lambda r: dataclasses.replace(r, world_from_body=np.eye(4))),
     "substeps": ("at rest", lambda r: dataclasses.replace(r, substeps=r.substeps + 1)),
     "force": ("at rest", zeroed("force_weight")),

@@ -115,7 +115,7 @@ def test_a_warning_of_the_library_is_a_fault_and_one_of_a_door_is_none(tmp_path)
     ours = "import numpy; from diffphys_ros.types import transformed; transformed(numpy.full((4, 4), 1e308), numpy.full((1, 3), 1e308))"
     [(_, told)] = ran(door(tmp_path, ours)).faults
     assert "RuntimeWarning: overflow" in told
-    assert "diffphys_ros/types.py" in told
+    assert "diffphys_ros/types/poses.py" in told
 
 
 def test_seeds_that_failed_are_kept_once_and_run_first(tmp_path):

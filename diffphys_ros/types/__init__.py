@@ -1,0 +1,43 @@
+"""The data that flows through the pipeline: frozen, shapes and units on every field.
+
+Frames of reference: `world` is the root of the camera's transform tree (z up where gravity is known), `camera` the
+optical frame (x right, y down, z forward; REP-103), `body` the object's own frame (see Body). `a_from_b` maps
+coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
+
+Reading order: poses, camera, labels, clip, tracks, body, particles, prior, splats, start, initial_value, recovery.
+"""
+
+from .body import Body, Front
+from .camera import Camera
+from .clip import Clip, Doubt, Thickness
+from .initial_value import PROBLEMS, ModalProblem, MpmProblem
+from .labels import IGNORE, object_mask
+from .particles import Grid, Particles
+from .poses import transformed
+from .prior import MaterialPrior
+from .recovery import Recovery
+from .splats import Splats
+from .start import StartValues
+from .tracks import Tracks
+
+__all__ = [
+    "IGNORE",
+    "PROBLEMS",
+    "Body",
+    "Camera",
+    "Clip",
+    "Doubt",
+    "Front",
+    "Grid",
+    "MaterialPrior",
+    "ModalProblem",
+    "MpmProblem",
+    "Particles",
+    "Recovery",
+    "Splats",
+    "StartValues",
+    "Thickness",
+    "Tracks",
+    "object_mask",
+    "transformed",
+]

@@ -1,0 +1,59 @@
+"""The answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..damping import Damping
+from .initial_value import ModalProblem, MpmProblem
+from .particles import Grid
+from .poses import transformed
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """The answer: fields on the body's own particles, in the world frame, and what moves them so."""
+
+    points: np.ndarray  # at rest [m], shape (N, 3)
+    volume: np.ndarray  # [m^3], shape (N,)
+    part: np.ndarray  # 1..n, shape (N,)
+    young: np.ndarray  # corrected for the grid's apparent stiffness [Pa], shape (N,)
+    log10_young_sd: np.ndarray  # shape (N,)
+    poisson: np.ndarray  # shape (N,)
+    density: np.ndarray  # [kg/m^3], shape (N,)
+    force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
+    trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
+    clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces
+    frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
+    world_from_body: np.ndarray  # rigid transform, m, shape (4, 4): of the body frame, which grid, gravity and simulation are in
+    gravity: np.ndarray  # body frame [m/s^2], shape (3,)
+    simulation: MpmProblem | ModalProblem  # whose solution the trajectory is
+    apparent_stiffness: float  # E_apparent / E of the grid: young over what the material points must be given
+    grid: Grid  # body frame
+    period_s: float  # between frames [s]
+    substeps: int  # per frame
+    damping: Damping[float]
+    initial_velocity: np.ndarray  # [m/s], world frame, shape (N, 3)
+    identified: np.ndarray  # per part, bool, shape (n,)
+    reasons: tuple[str, ...]  # per part, one sentence
+    metrics: dict[str, object]  # what metrics.json holds
+    notes: tuple[str, ...] = ()  # what was assumed, one sentence each
+    force_identified: bool = False  # whether the force can be believed
+    force_reason: str = "nobody has judged the force."  # one sentence
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates (..., 3) of body points (..., 3)."""
+        return transformed(self.world_from_body, points)
+
+    @property
+    def young_solver(self) -> np.ndarray:
+        """Young's modulus that the trajectory was really simulated with [Pa], shape (N,): for the material points that on their grid,
+        before its correction; for eigenmodes `young` itself."""
+        problem = self.simulation
+        return (problem.young if isinstance(problem, ModalProblem) else problem.young[~problem.ghost]).astype(float)
+
+    def net_force(self) -> np.ndarray:
+        """Sum of force * volume over the unclamped particles [N], shape (T, 3)."""
+        return np.einsum("tnc,n->tc", self.force.astype(float), self.volume * ~self.clamped)

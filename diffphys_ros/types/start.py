@@ -1,0 +1,34 @@
+"""The first answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..damping import Damping
+from ..footprints import Footprint
+
+
+@dataclass(frozen=True)
+class StartValues:
+    """What tracks and eigenmodes say before any simulation (arrays over parts have shape (n,))."""
+
+    young: np.ndarray  # [Pa], shape (n,)
+    log10_young_sd: np.ndarray  # shape (n,)
+    damping: Damping[float]
+    forced: np.ndarray  # frames in which a force may act, bool, shape (T,)
+    footprint: Footprint  # where on the body the force acts
+    force: np.ndarray  # amplitude per frame, body frame [N/m^3 of rest volume], shape (T, 3); force[k] acts in [t_k, t_k+1)
+    initial_displacement: np.ndarray  # modal coordinates at frame 0 about rest, shape (r,); zeros when at rest
+    initial_velocity: np.ndarray  # their rates [1/s], shape (r,)
+    frequencies_hz: np.ndarray  # of the leading modes at `young`, shape (r,)
+    observed_hz: np.ndarray  # seen in the tracks, leading first
+    decay_per_s: np.ndarray  # of the observed frequencies
+    track_cost: float  # mean squared misfit of the linear motion over all frames / mean squared motion
+    identified: np.ndarray  # bool, shape (n,)
+    reasons: tuple[str, ...]  # one sentence per part
+    has_free_tail: bool  # false: young is a guess, the joint schedule must find it
+    modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
+    geometry_sd: np.ndarray  # of log10 E by outline and densities alone, shape (n,)
+    detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

@@ -1,0 +1,20 @@
+"""Points that are followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """M surface points followed from frame 0."""
+
+    pixels: np.ndarray  # [px], shape (T, M, 2)
+    points: np.ndarray  # world [m], shape (T, M, 3); frame 0 is always finite
+    valid: np.ndarray  # bool, shape (T, M); frame 0 is always true
+    has_depth: bool  # whether motion along the line of sight was measured
+    noise_m: float  # standard deviation of one coordinate of a displacement [m], estimated from the tracks
+    sd_m: np.ndarray | None = None  # the same for every track and frame [m], shape (T, M, 2): of a coordinate across the line of sight,
+    # and along it (infinite where that is not seen); 0 in frame 0, infinite where the track does not hold; None: not estimated
