@@ -22,7 +22,7 @@ BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what
 TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
-AT_ONCE = 50_000  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on the way back, for 3 % more time
+AT_ONCE = 30_000  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on the way back, for 3 % more time
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
