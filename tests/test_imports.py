@@ -166,16 +166,38 @@ def solver_modules() -> list[str]:
     return sorted(f"diffphys_ros.{name}" for name in dotted)
 
 
-def test_the_solver_imports_on_a_machine_without_ros_images_and_plots() -> None:
+@pytest.fixture(scope="module")
+def solver() -> subprocess.CompletedProcess[str]:
+    """A process that has imported every module of the solver, taken two steps of a fit of Gaussians and begun a solve; it says what else it has imported."""
     program = f"""
 import importlib, sys
 for name in {FRONT_END_ONLY!r}:
     sys.modules[name] = None
 for name in {solver_modules()!r}:
     importlib.import_module(name)
+import torch
+from diffphys_ros.splats.descent import Plan, ShrinkingAdam
+class One:
+    unknowns = {{"color": torch.ones(3, requires_grad=True)}}
+descent = ShrinkingAdam(Plan(2, {{"color": 0.1}}, 0.1, 0.0, 0))
+descent.begin(One)
+descent.step(One.unknowns["color"].sum())
+sys.modules["diffphys_ros.inverse.solve"]._repeatable("cpu")
+print(torch.are_deterministic_algorithms_enabled(), *sys.modules)
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=PACKAGE.parent)
-    assert done.returncode == 0, done.stderr
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=PACKAGE.parent)
+
+
+def test_the_solver_imports_on_a_machine_without_ros_images_and_plots(solver: subprocess.CompletedProcess[str]) -> None:
+    assert solver.returncode == 0, solver.stderr
+
+
+def test_neither_gaussians_nor_a_solve_that_is_repeatable_wait_for_torchs_compiler(solver: subprocess.CompletedProcess[str]) -> None:
+    """Which takes seconds to import."""
+    repeatable, *imported = solver.stdout.split()
+    assert repeatable == "True"
+    assert "diffphys_ros.inverse.solve" in imported
+    assert "torch._dynamo" not in imported
 
 
 def module_of(path: Path, package: Path = PACKAGE) -> str:
