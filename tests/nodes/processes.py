@@ -31,6 +31,7 @@ def environment(domain: int) -> dict[str, str]:
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "2",  # equal bits must not hang on a single thread
         "OMP_WAIT_POLICY": "passive",  # the second thread must not spin while the machine is busy
+        "OPENBLAS_NUM_THREADS": "1",  # whose threads spin whatever that says; torch's are those that could change bits
     }
     return os.environ | own
 
