@@ -24,7 +24,8 @@ from diffphys_ros.types import Recovery
 from .clips import in_fading_light
 
 COARSE = ("--particles.cells", "3", "--experiment.per_cell", "1.5", "--splats.refine_frames", "0")
-SHORT = ("--particles.cells", "2", "--experiment.per_cell", "2", "--splats.refine_frames", "0", "--fit.iterations", "8")
+ROUGH = ("--experiment.splat_iterations", "10", "--splats.max_count", "400")  # pictures that tell the motion; no gate asks how sharp they are
+SHORT = ("--particles.cells", "2", "--experiment.per_cell", "2", "--splats.refine_frames", "0", "--fit.iterations", "8", *ROUGH)
 QUICK = {"strip": SHORT, "fading": SHORT, "flat": SHORT}  # where it is not COARSE
 
 
