@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         from tests.shared_out import rank
 
         items.sort(key=lambda item: rank(item.nodeid, item.get_closest_marker("slow") is not None))
+
+
+def pytest_collection_finish() -> None:
+    """What is imported by now stays. A node collects its garbage after every clip: it need not look through all that the tests import."""
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
