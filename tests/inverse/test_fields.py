@@ -26,7 +26,7 @@ from .conftest import YOUNG, as_one_part
 from .test_solve import drive, with_young
 
 FORCE_ITERATIONS, MATERIAL_ITERATIONS = 14, 24  # that suffice
-ITERATIONS = 7  # of what is compared bit by bit
+ITERATIONS = 10  # of what is compared bit by bit
 
 
 def settings(**words):
