@@ -30,7 +30,7 @@ DAMPING = {"mass_damping": "real", "stiffness_damping": "real"}
 START = {
     "young": "positive n", "log10_young_sd": "gap n", "forced": "truth T",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
-    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
+    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "density_sd": "gap n", "detuning": "?amount",
 }  # fmt: skip
 MODAL = {
     "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "geometric": "real r r",

@@ -144,8 +144,9 @@ class ModalModel:
                 initial_velocity=initial_velocity,
             )
 
-        steps = np.diag([LOG_STEP] * n + list(DAMPING_STEP))
-        physics = [(at(h) - at(-h)) / (2 * h.sum()) for h in steps]
+        up = np.r_[np.full(n, LOG_STEP), DAMPING_STEP]
+        down = np.r_[up[:n], np.minimum(DAMPING_STEP, (damping.mass_per_s, damping.stiffness_s))]  # a damping below 0 blows up what is stiff
+        physics = [(at(a) - at(-b)) / (a + b).sum() for a, b in zip(np.diag(up), np.diag(down), strict=True)]
         step, shapes = self.step(young, damping, period_s)
         pulse, forced = step.pulse(count), np.zeros((count, self.modes, len(frames), 3))
         for i, k in enumerate(frames):

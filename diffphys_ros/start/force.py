@@ -14,7 +14,7 @@ from ..linear_systems import solved
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
-from .free_tail import Physics, differences, prior_residual
+from .free_tail import Physics, differences, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit
@@ -126,12 +126,15 @@ class ForceProblem:
         the body also shows how it bends at rest. `believed` gives residuals of log E (n,), in standard deviations."""
         parts, (low, high) = len(physics.young), physics.bounds()
 
+        def slope(vector: np.ndarray) -> np.ndarray:
+            return differences(residual, vector, least=physical(len(vector), parts))
+
         def residual(vector: np.ndarray) -> np.ndarray:
             seen = self.solve(Physics.of(vector, parts), footprint).residual
             return np.r_[seen, prior_residual(vector, parts), believed(vector[:parts])]
 
         start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
-        found = least_squares(residual, start, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=REFINEMENTS, ftol=1e-4)
+        found = least_squares(residual, start, bounds=(low, high), jac=slope, max_nfev=REFINEMENTS, ftol=1e-4)
         return Physics.of(found.x, parts)
 
     def edges(self, physics: Physics) -> tuple[int, int]:

@@ -138,7 +138,7 @@ class Tail:
         return float(found.cost), Physics.of(found.x, len(start.young))
 
     def _slope(self, vector: np.ndarray) -> np.ndarray:
-        return differences(self.residual, vector)
+        return differences(self.residual, vector, least=physical(len(vector), len(self.modal.stiffness)))
 
     def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> Physics:
         """The best of the searches from several ratios between the parts, each matched to the observed frequency.
@@ -155,9 +155,18 @@ class Tail:
         return min(found, key=lambda pair: pair[0])[1]
 
 
-def differences(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """Central-difference Jacobian (m, n) of a vector of order-one unknowns."""
-    return np.stack([(function(at + h) - function(at - h)) / (2 * STEP) for h in STEP * np.eye(len(at))], 1)
+def differences(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray, *, least: np.ndarray | float = -np.inf) -> np.ndarray:
+    """Central-difference Jacobian (m, n) of a vector of order-one unknowns; from one side where the other lies below `least`."""
+    below = np.minimum(STEP, at - least)
+    each = zip(STEP * np.eye(len(at)), np.diag(below), STEP + below, strict=True)
+    return np.stack([(function(at + up) - function(at - down)) / width for up, down, width in each], 1)
+
+
+def physical(size: int, parts: int) -> np.ndarray:
+    """What the entries of a Physics.vector() must not fall below, (size,): a damping below 0 blows up what is stiff."""
+    least = np.full(size, -np.inf)
+    least[parts : parts + 2] = 0.0
+    return least
 
 
 def start_ratios(parts: int) -> list[np.ndarray]:

@@ -5,38 +5,61 @@ Independent track noise is irrelevant beside these three, so a standard deviatio
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ..elements.mesh import narrowest_limb
 from ..linear_systems import inverted
 from ..modes.interpolation import quadrature
 from ..types import Body, Tracks
-from .free_tail import FREQUENCY_SD, Physics, Tail, differences, prior_residual
+from .free_tail import FREQUENCY_SD, Physics, Tail, differences, physical, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
-DENSITY_CONTRAST = 0.15  # standard deviation of ln(density) of a part when only the mass of all is given
+DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
 
 
 def log10_young_sd(tail: Tail, physics: Physics, geometry_sd: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame,
-    model error in every mode's frequency, priors), and that of the geometry (see `geometry_log10_sd`); OPEN_SD where a tail
+    model error in every mode's frequency, priors), and that of outline and densities; OPEN_SD where a tail
     that the modes do not explain leaves more open than that."""
-    vector, parts = physics.vector(), len(physics.young)
-    jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector) / tail.sigma_m
-    prior = differences(lambda v: prior_residual(v, parts), vector)
-    inverse = inverted(jacobian.T @ jacobian + prior.T @ prior)
+    parts, bent = len(physics.young), _Bent.of(tail, physics)
     excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
-    covariance = inverse @ (jacobian.T @ jacobian * excess**2 + prior.T @ prior) @ inverse
+    covariance = bent.inverse @ (bent.jacobian.T @ bent.jacobian * excess**2 + bent.prior.T @ bent.prior) @ bent.inverse
     fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
-def geometry_log10_sd(tail: Tail, body: Body, tracks: Tracks, *, density_known: bool) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,), however well the motion is explained: half a pixel of the silhouette, and the
-    densities of parts of which only the common mass is known."""
-    density = 0.0 if density_known or body.parts == 1 else _density(tail, body)
-    return np.hypot(outline_sd(body, tracks), density) / np.log(10.0)
+def density_log10_sd(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), from densities that are known to DENSITY_CONTRAST and share a known mass.
+
+    Other densities change the square of a mode's frequency by the part's share of its inertia (Rayleigh); what the tail fit then makes
+    of E follows from how it bends. To first order, without what gravity does.
+    """
+    if body.parts == 1 or not len(tail.data):
+        return np.zeros(body.parts)
+    bent = _Bent.of(tail, physics)
+    moves = bent.inverse @ bent.jacobian.T @ _misfit_by_density(tail, physics, body)
+    mass = body.density * body.part_volumes_m3
+    free = np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)  # changes that leave the mass as it is
+    return DENSITY_CONTRAST * np.linalg.norm(moves[: body.parts] @ free, axis=1) / np.log(10.0)
+
+
+@dataclass(frozen=True)
+class _Bent:
+    """How the tail fit bends at its minimum, in standard deviations."""
+
+    jacobian: np.ndarray  # of the misfit by Physics.vector(), (K d, n + 2 + k)
+    prior: np.ndarray  # of the priors' residuals
+    inverse: np.ndarray  # of the Gauss-Newton matrix of both
+
+    @classmethod
+    def of(cls, tail: Tail, physics: Physics) -> _Bent:
+        vector, parts = physics.vector(), len(physics.young)
+        jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector, least=physical(len(vector), parts)) / tail.sigma_m
+        prior = differences(lambda v: prior_residual(v, parts), vector)
+        return cls(jacobian, prior, inverted(jacobian.T @ jacobian + prior.T @ prior))
 
 
 def detuning_log10_sd(detuning: float) -> float:
@@ -54,15 +77,25 @@ def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:
     return np.hypot(2 * blur / np.maximum(widths, body.pitch_m), 4 * blur / length)
 
 
-def _density(tail: Tail, body: Body) -> float:
-    """Standard deviation of ln E, common to all parts, from densities that only share a known mass: E goes with the inertia of
-    the leading mode, in which the parts do not share as in the mass."""
+def _misfit_by_density(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
+    """Derivatives of the tail's misfit, in standard deviations, by ln(density) of each part, (K d, n)."""
+    shares = _inertia_shares(tail, physics, body)
+    still = np.zeros(len(shares))
+    still[: len(physics.detune)] = physics.detune
+
+    def misfit(change: np.ndarray) -> np.ndarray:
+        return tail.misfit(replace(physics, detune=still - 0.5 * shares @ change)).ravel() / tail.sigma_m
+
+    return differences(misfit, np.zeros(body.parts))
+
+
+def _inertia_shares(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
+    """Share of each part in the kinetic energy of the modes at hand, (k, n), rows sum to 1."""
     points, volume, _ = quadrature(tail.modal.nodes, tail.modal.tets)
-    mass = volume * body.density[np.repeat(tail.modal.part, 4) - 1]
-    inertia = mass * (tail.modal.evaluate(points)[0][..., tail.leading_mode(tail.modal.reference)] ** 2).sum(1)
-    shares = [np.bincount(np.repeat(tail.modal.part, 4) - 1, w, body.parts) / w.sum() for w in (inertia, mass)]
-    along = shares[1] / np.linalg.norm(shares[1])
-    return DENSITY_CONTRAST * float(np.linalg.norm(shares[0] - (shares[0] @ along) * along))
+    part = np.repeat(tail.modal.part, 4) - 1
+    shapes = tail.modal.evaluate(points)[0] @ tail.modal.eigen(physics.young)[1][:, : tail.most_modes]
+    energy = (volume * body.density[part])[:, None] * (shapes**2).sum(1)
+    return np.stack([np.bincount(part, mode, body.parts) / mode.sum() for mode in energy.T])
 
 
 def metres_per_pixel(tracks: Tracks) -> float:

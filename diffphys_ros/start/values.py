@@ -17,7 +17,7 @@ from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import detuning_log10_sd, geometry_log10_sd, log10_young_sd
+from .uncertainty import density_log10_sd, detuning_log10_sd, log10_young_sd, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
 MOST_DETUNING = 5.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
@@ -115,7 +115,9 @@ def values_of(fit: Fit) -> StartValues:
     detuning = float(np.abs(fit.physics.detune).max(initial=0.0))
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune)))
     residual = float(np.sqrt((tail.misfit(fit.physics) ** 2).sum(1).mean())) if len(tail.data) else 0.0
-    geometry_sd = geometry_log10_sd(tail, evidence.body, evidence.tracks, density_known=evidence.settings.scene.density_kg_m3 is not None)
+    told = evidence.settings.scene.density_kg_m3 is not None
+    density_sd = np.zeros(evidence.body.parts) if told else density_log10_sd(tail, fit.physics, evidence.body)
+    geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), density_sd)
     sd = np.hypot(log10_young_sd(tail, fit.physics, geometry_sd), detuning_log10_sd(detuning)) if free else sd_of_guess(evidence)
     holds = not (free and explained_badly(residual, evidence.motion.coherent_m, tail.size_m))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
@@ -129,6 +131,7 @@ def values_of(fit: Fit) -> StartValues:
         has_free_tail=free,
         modes_hold=holds,
         geometry_sd=geometry_sd,
+        density_sd=density_sd,
         detuning=detuning,
     )
 

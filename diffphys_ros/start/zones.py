@@ -25,9 +25,9 @@ from ..vibration.coordinates import observe
 from ..vibration.forced_frames import Support, find_support
 from .evidence import Evidence
 from .force import ForceProblem
-from .free_tail import DETUNED, RATIO_SD, STEP, Physics, Tail, differences
+from .free_tail import DETUNED, RATIO_SD, Physics, Tail, differences, physical
 from .stages import SETTLED, Fit
-from .uncertainty import DENSITY_CONTRAST, outline_sd
+from .uncertainty import outline_sd
 from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of
 from .zone_layout import Division
 
@@ -39,6 +39,7 @@ LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E b
 CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all
 GRADUAL = 0.5  # standard deviation of the difference of log E between neighbours where stiffness changes all along
 SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins
+DENSITY_SD = 0.15  # of ln(density) of a zone within a part when no density was given
 FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans
 ROUNDS, STEPS = 4, 6  # most times that the basis moves to the fit at the last scale; most steps of a search between
@@ -180,22 +181,21 @@ class _ZoneFit:
 
         def residual(vector: np.ndarray) -> np.ndarray:
             prior = self.prior(vector, lambda difference: cauchy(difference, level))
-            return np.r_[misfit.of(Physics.of(vector, self.division.count)), prior]
+            return np.r_[misfit.of(Physics.of(vector, count)), prior]
 
-        low, high = physics.bounds()
-        reach = np.r_[np.full(self.division.count, FARTHEST), np.full(len(low) - self.division.count, np.inf)]
+        count, (low, high) = self.division.count, physics.bounds()
+        reach = np.r_[np.full(count, FARTHEST), np.full(len(low) - count, np.inf)]
         low, high = np.maximum(low, physics.vector() - reach), np.minimum(high, physics.vector() + reach)
-        low[self.division.count : self.division.count + 2] = STEP  # differences must not reach below zero: fast modes would grow without end
         inside = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
-        found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v), max_nfev=STEPS, ftol=1e-4)
-        return float(found.cost), Physics.of(found.x, self.division.count)
+        found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v, least=physical(len(v), count)), max_nfev=STEPS, ftol=1e-4)
+        return float(found.cost), Physics.of(found.x, count)
 
     def told(self, misfit: _Misfit, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
         """Variance (K,) and inverse covariance (K, K) of log E by Gauss-Newton, damping and detuning left open. The inverse
         covariance is that under the Cauchy prior; the variance allows that stiffness changes gradually all along, or that any
         one border is one of materials unseen."""
         vector, count = physics.vector(), self.division.count
-        slope = differences(lambda v: misfit.of(Physics.of(v, count)), vector)
+        slope = differences(lambda v: misfit.of(Physics.of(v, count)), vector, least=physical(len(vector), count))
         data = slope.T @ slope / misfit.excess(physics)
 
         def covariance(inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -231,7 +231,7 @@ def _believed(zoned: Body, division: Division, pattern: Callable[[np.ndarray], n
 def _outside_variance(body: Body, tracks: Tracks, division: Division, settings: Settings) -> np.ndarray:
     """Variance of log E per zone (K,) from what no misfit shows: the outline, and densities where a person gave none per part
     (only E over density is seen)."""
-    density = 0.0 if settings.scene.density_kg_m3 is not None else DENSITY_CONTRAST
+    density = 0.0 if settings.scene.density_kg_m3 is not None else DENSITY_SD
     return outline_sd(body, tracks)[division.part - 1] ** 2 + density**2
 
 

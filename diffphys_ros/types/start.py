@@ -31,4 +31,5 @@ class StartValues:
     has_free_tail: bool  # false: young is a guess, the joint schedule must find it
     modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
     geometry_sd: np.ndarray  # of log10 E by outline and densities alone, shape (n,)
+    density_sd: np.ndarray  # by densities alone, shape (n,)
     detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

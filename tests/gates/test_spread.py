@@ -19,7 +19,7 @@ from .conftest import Answer, Recover
 
 OUTLINE_PX = 0.5
 GRIDS = 0.02  # of log10 E (docs/measurements/accuracy.md)
-DENSITY = 0.15  # of ln(density), between the parts of one object
+DENSITY = 0.5  # of ln(density), between the parts of one object
 WITHIN = 1.5  # a factor on either side: half and twice the spread lie beyond
 
 
