@@ -20,34 +20,32 @@ OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 
 DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
 
 
-def log10_young_sd(tail: Tail, physics: Physics, geometry_sd: np.ndarray) -> np.ndarray:
+def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame,
     model error in every mode's frequency, priors), and that of outline and densities; OPEN_SD where a tail
     that the modes do not explain leaves more open than that."""
-    parts, bent = len(physics.young), _Bent.of(tail, physics)
+    parts = len(physics.young)
     excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
-    covariance = bent.inverse @ (bent.jacobian.T @ bent.jacobian * excess**2 + bent.prior.T @ bent.prior) @ bent.inverse
+    covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
     fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
-def density_log10_sd(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,), from densities that are known to DENSITY_CONTRAST and share a known mass.
+def density_log10_sd(tail: Tail, physics: Physics, bend: Bend | None, body: Body, contrast: float) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), from densities that share a known mass and of which ln is known to `contrast`.
 
     Other densities change the square of a mode's frequency by the part's share of its inertia (Rayleigh); what the tail fit then makes
-    of E follows from how it bends. To first order, without what gravity does.
+    of E follows from how it bends; without one (None) E of all parts goes with the lowest mode. To first order, without what gravity does.
     """
-    if body.parts == 1 or not len(tail.data):
-        return np.zeros(body.parts)
-    bent = _Bent.of(tail, physics)
-    moves = bent.inverse @ bent.jacobian.T @ _misfit_by_density(tail, physics, body)
+    shares = _inertia_shares(tail, physics, body)
+    moves = np.tile(shares[0], (body.parts, 1)) if bend is None else (bend.inverse @ bend.jacobian.T @ _misfit_by_density(tail, physics, shares))[: body.parts]
     mass = body.density * body.part_volumes_m3
     free = np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)  # changes that leave the mass as it is
-    return DENSITY_CONTRAST * np.linalg.norm(moves[: body.parts] @ free, axis=1) / np.log(10.0)
+    return contrast * np.linalg.norm(moves @ free, axis=1) / np.log(10.0)
 
 
 @dataclass(frozen=True)
-class _Bent:
+class Bend:
     """How the tail fit bends at its minimum, in standard deviations."""
 
     jacobian: np.ndarray  # of the misfit by Physics.vector(), (K d, n + 2 + k)
@@ -55,7 +53,7 @@ class _Bent:
     inverse: np.ndarray  # of the Gauss-Newton matrix of both
 
     @classmethod
-    def of(cls, tail: Tail, physics: Physics) -> _Bent:
+    def of(cls, tail: Tail, physics: Physics) -> Bend:
         vector, parts = physics.vector(), len(physics.young)
         jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector, least=physical(len(vector), parts)) / tail.sigma_m
         prior = differences(lambda v: prior_residual(v, parts), vector)
@@ -77,16 +75,15 @@ def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:
     return np.hypot(2 * blur / np.maximum(widths, body.pitch_m), 4 * blur / length)
 
 
-def _misfit_by_density(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
+def _misfit_by_density(tail: Tail, physics: Physics, shares: np.ndarray) -> np.ndarray:
     """Derivatives of the tail's misfit, in standard deviations, by ln(density) of each part, (K d, n)."""
-    shares = _inertia_shares(tail, physics, body)
     still = np.zeros(len(shares))
     still[: len(physics.detune)] = physics.detune
 
     def misfit(change: np.ndarray) -> np.ndarray:
         return tail.misfit(replace(physics, detune=still - 0.5 * shares @ change)).ravel() / tail.sigma_m
 
-    return differences(misfit, np.zeros(body.parts))
+    return differences(misfit, np.zeros(shares.shape[1]))
 
 
 def _inertia_shares(tail: Tail, physics: Physics, body: Body) -> np.ndarray:

@@ -17,7 +17,7 @@ from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import density_log10_sd, detuning_log10_sd, log10_young_sd, outline_sd
+from .uncertainty import DENSITY_CONTRAST, Bend, density_log10_sd, detuning_log10_sd, log10_young_sd, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
 MOST_DETUNING = 5.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
@@ -109,16 +109,18 @@ def everywhere(support: Support) -> Support:
     return replace(support, forced=np.ones_like(support.forced), has_free_tail=False)
 
 
-def values_of(fit: Fit) -> StartValues:
-    """Force, spread and words for what a fit ended with; its modal model is tuned to the physics."""
+def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartValues:
+    """Force, spread and words for what a fit ended with; its modal model is tuned to the physics. `density_contrast` is the standard deviation
+    of ln(density) of a part where none was given."""
     evidence, tail, free = fit.evidence, fit.tail, fit.support.has_free_tail
     detuning = float(np.abs(fit.physics.detune).max(initial=0.0))
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune)))
     residual = float(np.sqrt((tail.misfit(fit.physics) ** 2).sum(1).mean())) if len(tail.data) else 0.0
-    told = evidence.settings.scene.density_kg_m3 is not None
-    density_sd = np.zeros(evidence.body.parts) if told else density_log10_sd(tail, fit.physics, evidence.body)
+    bend = Bend.of(tail, fit.physics) if free else None
+    even = evidence.body.parts == 1 or evidence.settings.scene.density_kg_m3 is not None
+    density_sd = np.zeros(evidence.body.parts) if even else density_log10_sd(tail, fit.physics, bend, evidence.body, density_contrast)
     geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), density_sd)
-    sd = np.hypot(log10_young_sd(tail, fit.physics, geometry_sd), detuning_log10_sd(detuning)) if free else sd_of_guess(evidence)
+    sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
     holds = not (free and explained_badly(residual, evidence.motion.coherent_m, tail.size_m))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
     return StartValues(

@@ -46,6 +46,16 @@ def test_densities_that_are_told_leave_no_such_doubt(uneven: StartValues) -> Non
     assert (told.log10_young_sd < 0.5 * uneven.log10_young_sd).all()
 
 
+def test_without_a_free_tail_the_densities_still_count() -> None:
+    body, modal = bar(), modes_of(bar(), YOUNG)
+    pushed = gust()
+    pushed[:] = pushed.max(0) * (1 + 0.3 * np.sin(np.arange(len(pushed)))[:, None])
+    seen = tracks(modal, motion(modal, YOUNG, pushed))
+    told, untold = (start_values(body, seen, PERIOD_S, settings(at_rest=True, density_kg_m3=given))[0] for given in (body.density.tolist(), None))
+    assert not untold.has_free_tail
+    assert (untold.geometry_sd > 2 * told.geometry_sd).all()
+
+
 def test_a_difference_is_taken_from_above_where_the_other_side_is_not_physical() -> None:
     def only_above(at: np.ndarray) -> np.ndarray:
         assert at.min() >= 0
