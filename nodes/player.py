@@ -42,7 +42,8 @@ class Part(NamedTuple):
 
 class Player:
     """Publishes a recording from timers of `node`. `hear` gets (topic, type, CDR) of everything that is played, and raises nothing; `ended` is called at the end
-    of every pass with whether another follows. Topics are called as recorded, or as `names` says; without `names` all are played.
+    of every pass with whether another follows. Topics are called as recorded, or as `names` says; without `names` all are played. At least `kept` messages
+    of a topic wait for a reliable subscriber that is late, whatever depth was recorded.
 
     Raises InputError for what is no recording, or is damaged; what is noticed while it plays ends the play under the node's net.
     """
@@ -54,12 +55,13 @@ class Player:
         part: Part,
         *,
         names: Mapping[str, str] | None = None,
+        kept: int = 0,
         hear: Callable[[str, str, bytes], None] = lambda topic, kind, raw: None,
         ended: Callable[[bool], None] = lambda again: None,
     ) -> None:
         if not is_bag(path):
             raise InputError(f"{shown(path)}: is no recording, which alone can be played; give an MCAP file, a .db3 file or a rosbag2 folder, or rate 0")
-        self._node, self._path, self._part, self._hear, self._ended = node, path, part, hear, ended
+        self._node, self._path, self._part, self._kept, self._hear, self._ended = node, path, part, kept, hear, ended
         self._open = ExitStack()
         self._bag = self._open.enter_context(open_bag(path))
         self.begin_ns, self.end_ns = window(self._bag, part.start_s, part.duration_s or None, shown(path))
@@ -95,7 +97,7 @@ class Player:
         unknown = dict.fromkeys(self._bag.mixed, "several types")
         for topic, kind in self.kinds.items():
             try:
-                self.outputs[topic] = self._node.create_publisher(message_class(kind), names.get(topic, topic), _profile(self._bag.offer(topic)))
+                self.outputs[topic] = self._node.create_publisher(message_class(kind), names.get(topic, topic), _profile(self._bag.offer(topic), self._kept))
             except (ImportError, AttributeError, ValueError, TypeError, NameValidationException):  # a recording may name anything
                 unknown[topic] = kind
         if unknown:
@@ -151,10 +153,10 @@ class Player:
         self._clock.publish(to_ros("rosgraph_msgs/msg/Clock", {"clock": messages.stamp(self.now_ns)}))
 
 
-def _profile(offer: Offer) -> QoSProfile:
+def _profile(offer: Offer, kept: int) -> QoSProfile:
     return QoSProfile(
         reliability=ReliabilityPolicy.RELIABLE if offer.reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if offer.latched else DurabilityPolicy.VOLATILE,
         history=HistoryPolicy.KEEP_LAST if offer.depth else HistoryPolicy.KEEP_ALL,
-        depth=offer.depth,
+        depth=max(offer.depth, kept) if offer.depth and not offer.latched else offer.depth,
     )

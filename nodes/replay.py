@@ -65,12 +65,14 @@ def _options() -> argparse.Namespace:
 def _player(node: Any, options: argparse.Namespace) -> Any:
     from diffphys_ros.nodes.camera_bag import inputs, static_trees
     from diffphys_ros.nodes.player import Part, Player
+    from diffphys_ros.nodes.qos import RELIABLE_DEPTH
 
-    names = None
+    names, kept = None, 0
     if options.inputs:
+        kept = RELIABLE_DEPTH  # a subscriber is counted before it has found the publisher itself: what is sent meanwhile must wait for it
         names = inputs(options.bag, Topics(mask=options.mask))
         _tell_pose(node, [link for tree in static_trees(options.bag) for link in tree.transforms])
-    return Player(node, options.bag, Part(options.rate, options.loop, options.start, options.duration), names=names)
+    return Player(node, options.bag, Part(options.rate, options.loop, options.start, options.duration), names=names, kept=kept)
 
 
 def _tell_pose(node: Any, links: list[Any]) -> None:
