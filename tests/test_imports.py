@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "rotations", "inpaint", "colours"}
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "colours"}
 SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
@@ -33,6 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "devices": {"errors"},
     "progress": set(),
     "linear_systems": set(),
+    "differences": set(),
     "rotations": set(),
     "colours": set(),
     "npz": set(),

@@ -38,7 +38,8 @@ def prescribed(prepared: Prepared, settings: Settings) -> Prepared:
     if "young" in held:
         young = 10 ** _per_part(told, np.log10(told["young"]), body.parts, "young")
         reasons = ("told by fit.prescribe.",) * body.parts
-        start = replace(start, young=young, log10_young_sd=np.full(body.parts, TOLD_SD), identified=np.ones(body.parts, bool), reasons=reasons)
+        sd, exact = np.full(body.parts, TOLD_SD), np.zeros(body.parts)  # whatever the densities are
+        start = replace(start, young=young, log10_young_sd=sd, density_sd=exact, identified=np.ones(body.parts, bool), reasons=reasons)
     if "damping" in held:
         start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:

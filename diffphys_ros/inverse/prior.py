@@ -11,7 +11,7 @@ from ..start.force import AXIAL_SHARE
 from ..types import StartValues
 from .unknowns import Layout
 
-LEAST_SD = 0.005  # of log10 E
+LEAST_SD = 0.005  # of log10 E: no start value is surer, whatever its densities
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..damping import Damping
+from ..differences import differences
 from ..linear_systems import solved
 from . import interpolation
 from .response import SLOWEST, Step, convolve
@@ -144,15 +145,14 @@ class ModalModel:
                 initial_velocity=initial_velocity,
             )
 
-        up = np.r_[np.full(n, LOG_STEP), DAMPING_STEP]
-        down = np.r_[up[:n], np.minimum(DAMPING_STEP, (damping.mass_per_s, damping.stiffness_s))]  # a damping below 0 blows up what is stiff
-        physics = [(at(a) - at(-b)) / (a + b).sum() for a, b in zip(np.diag(up), np.diag(down), strict=True)]
+        least = np.r_[np.full(n, -np.inf), -damping.mass_per_s, -damping.stiffness_s]  # a damping below 0 blows up what is stiff
+        physics = differences(at, np.zeros(n + 2), step=np.r_[np.full(n, LOG_STEP), DAMPING_STEP], least=least)
         step, shapes = self.step(young, damping, period_s)
         pulse, forced = step.pulse(count), np.zeros((count, self.modes, len(frames), 3))
         for i, k in enumerate(frames):
             forced[k:, :, i] = np.einsum("as,ts,sc->tac", shapes, pulse[: count - k], shapes.T @ footprint)
         released = np.einsum("as,tjs,bs->tajb", shapes, step.released(count), shapes[:initial_modes])
-        return np.concatenate([np.stack(physics, -1), forced.reshape(count, self.modes, -1), released.reshape(count, self.modes, -1)], -1)
+        return np.concatenate([physics, forced.reshape(count, self.modes, -1), released.reshape(count, self.modes, -1)], -1)
 
     def track_jacobian(self, points: np.ndarray, young: np.ndarray, **motion: object) -> np.ndarray:
         """Derivatives (T, M, 3, S) of the displacements of body points (M, 3); the unknowns and the other arguments are

@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
+from ..differences import differences
 from ..footprints import Footprint
 from ..linear_systems import solved
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
-from .free_tail import Physics, differences, physical, prior_residual
+from .free_tail import Physics, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit

@@ -7,13 +7,13 @@ the leading mode swings at the frequency seen, so that the result does not depen
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ..damping import Damping
+from ..differences import differences
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
 
@@ -27,7 +27,6 @@ START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)
 WIDEST = np.log(1e3)  # of E about the start of a search
 MATCHES = 8
 DETUNED = 4  # leading modes whose frequencies may be off on their own
-STEP = 1e-4  # of the search vector, for differences
 
 
 @dataclass(frozen=True)
@@ -153,13 +152,6 @@ class Tail:
         starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]
         return min(found, key=lambda pair: pair[0])[1]
-
-
-def differences(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray, *, least: np.ndarray | float = -np.inf) -> np.ndarray:
-    """Central-difference Jacobian (m, n) of a vector of order-one unknowns; from one side where the other lies below `least`."""
-    below = np.minimum(STEP, at - least)
-    each = zip(STEP * np.eye(len(at)), np.diag(below), STEP + below, strict=True)
-    return np.stack([(function(at + up) - function(at - down)) / width for up, down, width in each], 1)
 
 
 def physical(size: int, parts: int) -> np.ndarray:

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..differences import differences
 from ..elements.mesh import narrowest_limb
 from ..linear_systems import inverted
 from ..modes.interpolation import quadrature
 from ..types import Body, Tracks
-from .free_tail import FREQUENCY_SD, Physics, Tail, differences, physical, prior_residual
+from .free_tail import FREQUENCY_SD, Physics, Tail, physical, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..config import Settings
+from ..differences import differences
 from ..footprints import Footprint
 from ..linear_systems import inverted
 from ..modes.model import ModalModel
@@ -25,7 +26,7 @@ from ..vibration.coordinates import observe
 from ..vibration.forced_frames import Support, find_support
 from .evidence import Evidence
 from .force import ForceProblem
-from .free_tail import DETUNED, RATIO_SD, Physics, Tail, differences, physical
+from .free_tail import DETUNED, RATIO_SD, Physics, Tail, physical
 from .stages import SETTLED, Fit
 from .uncertainty import outline_sd
 from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of

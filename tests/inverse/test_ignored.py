@@ -110,7 +110,7 @@ def test_gaussians_of_a_clip_that_begins_under_the_arm_do_not_know_it(crossed: t
 @pytest.mark.parametrize("frames", [1, 3])
 def test_frames_in_turn_give_the_loss_and_gradient_of_all_at_once(terms, crossed: tuple[Occluded, Clip], monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
     whole = terms(crossed[1])
-    monkeypatch.setattr(pixels, "AT_ONCE", 48 * frames)
+    monkeypatch.setitem(pixels.AT_ONCE, "cpu", 48 * frames)
     parts = terms(crossed[1])
     assert parts[:2] == pytest.approx(whole[:2], rel=1e-5)
     np.testing.assert_allclose(parts[2], whole[2], atol=1e-5 * np.abs(whole[2]).max())

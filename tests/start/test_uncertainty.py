@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from diffphys_ros.damping import Damping
+from diffphys_ros.differences import differences
 from diffphys_ros.start import start_values
-from diffphys_ros.start.free_tail import differences, physical
+from diffphys_ros.start.free_tail import physical
 from diffphys_ros.start.uncertainty import DENSITY_CONTRAST
 from diffphys_ros.types import StartValues
 from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks

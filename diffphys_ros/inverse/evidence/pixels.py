@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,8 @@ BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what
 TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
-AT_ONCE = 30_000  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on the way back, for 3 % more time
+AT_ONCE = {"cpu": 30_000, "cuda": 1_000_000}  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on
+# the way back, for 3 % more time on a CPU; a GPU wants many at a time
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
@@ -79,10 +81,11 @@ class ImageTerm:
         device = renderer.mean.device
         self.observed = torch.as_tensor(clip.frames[self.frames][:, *crop], device=device).float() / 255
         self.mask = torch.as_tensor(object_mask(clip.labels[self.frames])[:, *crop], device=device)
-        self.interior = torch.as_tensor(binary_erosion(object_mask(clip.labels[self.frames]), _ACROSS, EDGE_PX)[:, *crop], device=device)
-        self.depth = None
+        self.depth = self.measured = None
         if with_depth and clip.depth is not None:
+            interior = torch.as_tensor(binary_erosion(object_mask(clip.labels[self.frames]), _ACROSS, EDGE_PX)[:, *crop], device=device)
             self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
+            self.measured = known_depth(self.depth, interior)
         self.frozen = 1.0
         self.overlap = min(1.0, TEXTURE_PX / _rms_motion_px(prepared)) ** 2
 
@@ -101,26 +104,27 @@ class ImageTerm:
 
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""
-        size = max(1, AT_ONCE // len(self.renderer.mean))
+        size = max(1, AT_ONCE[x.device.type] // len(self.renderer.mean))
         spans = [slice(first, first + size) for first in range(0, len(x), size)]
-        if len(spans) == 1:
-            return self._of(spans[0], x, x0, F, mean_square)
-        parts = [_Misfits(*checkpoint(self._of, span, x[span], x0, F[span], mean_square, use_reentrant=False)) for span in spans]
-        image = sum((p.image * p.pixels for p in parts), torch.zeros((), device=x.device)) / self.mask.sum().clamp_min(1)
-        measured = sum((p.measured for p in parts), torch.zeros((), device=x.device))
-        depth = sum((p.depth * p.measured for p in parts), torch.zeros((), device=x.device)) / measured.clamp_min(1)
-        return _Misfits(image, self.mask.sum(), depth, measured)
+        of = self._of if len(spans) == 1 else partial(checkpoint, self._of, use_reentrant=False)
+        image, pixels, depth, measured = map(torch.stack, zip(*(of(span, x[span], x0, F[span], mean_square) for span in spans), strict=True))
+        return _Misfits(_mean(image, pixels), pixels.sum(), _mean(depth, measured), measured.sum())
 
     def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of a few of the chosen frames. Gross errors of depth are left out: there the pixel shows something else than the mask says."""
         image, _, depth = self.renderer.render(x, x0, F, self.window)
         mask = self.mask[span]
         colours = image_loss(image, self.observed[span], mask, ssim_weight=self.ssim_weight)
-        if self.depth is None:
+        if self.depth is None or self.measured is None:
             return _Misfits(colours, mask.sum(), *torch.zeros(2, device=depth.device))
         near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
-        known = known_depth(self.depth[span], self.interior[span] & near)
+        known = self.measured[span] & near
         return _Misfits(colours, mask.sum(), depth_loss(depth, self.depth[span], known), known.sum())
+
+
+def _mean(values: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+    """Of means over some each; 0 where there are none."""
+    return (values * counts).sum() / counts.sum().clamp_min(1)
 
 
 def _rms_motion_px(prepared: Prepared) -> float:
