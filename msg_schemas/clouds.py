@@ -20,10 +20,12 @@ MAX_FIELDS = 256  # of a cloud that is read; 3DGS with all harmonics has 62
 MATERIAL = {
     "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "log10_young_sd": "", "young_lower": "Pa", "poisson_ratio": "", "density": "kg/m^3",
     "volume": "m^3", "part": "#", "identified": "#", "absolute": "#", "intensity": "log10 Pa", "id": "#",
+    "young_over_density": "m^2/s^2", "log10_young_over_density_sd": "", "poisson_sd": "", "density_sd": "kg/m^3", "poisson_assumed": "#", "density_assumed": "#",
 }  # fmt: skip
 FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "intensity": "N/m^3", "id": "#"}
+FIELD = FORCE | {"ax": "m/s^2", "ay": "m/s^2", "az": "m/s^2"}
 STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"}
-LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FORCE, "~/force_so_far": FORCE, "~/state": STATE}
+LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FIELD, "~/force_so_far": FORCE, "~/state": STATE}
 MEANING = {
     "x": "place: at rest, in ~/force_field and ~/state in that frame",
     "young_modulus": "NaN where the part is not identified",
@@ -37,8 +39,15 @@ MEANING = {
     "id": "index into the arrays of recovery.npz",
     "t": "after the header's stamp",
     "fx": "force density, per rest volume",
+    "young_over_density": "NaN where the part is not identified; known whatever the mass is",
+    "log10_young_over_density_sd": "one standard deviation of its log10; smaller than that of the modulus where the part swings on its own weight",
+    "poisson_sd": "one standard deviation; 0 where it was told",
+    "density_sd": "one standard deviation; 0 where it was told",
+    "poisson_assumed": "1 where nobody told Poisson's ratio of the part",
+    "density_assumed": "1 where nobody told the density of the part; where only the mass of all is told, parts are assumed to be alike",
+    "ax": "force over mass, known whatever the mass is",
 }
-FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "volume", "density", "poisson_ratio")  # what is known of every particle, whatever is identified
+FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "ax", "ay", "az", "volume", "density", "poisson_ratio", "poisson_sd", "density_sd")  # what is known of every particle, whatever is identified
 
 
 def dtype(layout: Mapping[str, str]) -> np.dtype:

@@ -74,11 +74,17 @@ class Answer:
             "absolute": self.absolute,
             "intensity": np.log10(r.young[ids]),
             "id": ids,
+            "young_over_density": self._young(ids) / r.density[ids],
+            "log10_young_over_density_sd": r.log10_specific_sd[ids],
+            "poisson_sd": r.poisson_sd[ids],
+            "density_sd": r.density_sd[ids],
+            "poisson_assumed": r.poisson_sd[ids] > 0,
+            "density_assumed": r.density_sd[ids] > 0,
         }
         return clouds.pack(header(self.start_ns, self.world), clouds.MATERIAL, columns, (1, len(ids)))
 
     def force_field(self) -> dict[str, Any]:
-        """Organised PointCloud2, one row per frame, order and ids of the material field; layout clouds.FORCE."""
+        """Organised PointCloud2, one row per frame, order and ids of the material field; layout clouds.FIELD."""
         ids, force = self.thinned.ids, self.thinned.force
         columns = {
             **_xyz(self.recovery.trajectory[:, ids]),
@@ -87,8 +93,9 @@ class Answer:
             "volume": self.thinned.volume,
             "intensity": np.linalg.norm(force, axis=-1),
             "id": ids,
+            **_xyz(force / self.recovery.density[ids, None], "a"),
         }
-        return clouds.pack(header(self.start_ns, self.world), clouds.FORCE, columns, force.shape[:2])
+        return clouds.pack(header(self.start_ns, self.world), clouds.FIELD, columns, force.shape[:2])
 
     def state(self, frame: int) -> dict[str, Any]:
         """PointCloud2 of one frame, layout clouds.STATE."""

@@ -10,7 +10,7 @@ from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.modes.model import ModalModel
-from diffphys_ros.types import Body, Clip, StartValues, Tracks
+from diffphys_ros.types import Body, Clip, MaterialDoubt, StartValues, Tracks
 
 
 def make_prepared(made_clip: Clip) -> Prepared:
@@ -44,7 +44,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
         has_free_tail=True,
         modes_hold=True,
         geometry_sd=np.array([0.01, 0.01]),
-        density_sd=np.zeros(2),
+        material=MaterialDoubt.none(2),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
     body = Body(

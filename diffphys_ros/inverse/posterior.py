@@ -8,8 +8,10 @@ import numpy as np
 
 from ..linear_systems import inverted
 from ..start.values import GUESS_SD, WIDEST_SD, explained_badly
+from ..types import MaterialDoubt
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
 from .prepared import Prepared
+from .prior import LEAST_SD
 from .unknowns import Layout
 
 GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
@@ -24,6 +26,10 @@ class Confidence:
     reasons: tuple[str, ...]  # one sentence per part
     force_identified: bool = False
     force_reason: str = ""  # one sentence
+
+    def log10_specific_sd(self, material: MaterialDoubt) -> np.ndarray:
+        """Standard deviation of log10(E / density), (n,): that of log10 E with what the materials do to the ratio in the place of what they do to E."""
+        return np.sqrt(np.maximum(self.log10_young_sd**2 - material.of_young**2, LEAST_SD**2) + material.of_specific**2)
 
 
 @dataclass(frozen=True)

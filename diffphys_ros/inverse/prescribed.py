@@ -11,7 +11,7 @@ from .. import shapes, store
 from ..config import Settings
 from ..damping import Damping
 from ..errors import InputError
-from ..types import Body, StartValues
+from ..types import Body, MaterialDoubt, StartValues
 from .prepared import Prepared
 from .unknowns import checked_hold
 
@@ -38,8 +38,8 @@ def prescribed(prepared: Prepared, settings: Settings) -> Prepared:
     if "young" in held:
         young = 10 ** _per_part(told, np.log10(told["young"]), body.parts, "young")
         reasons = ("told by fit.prescribe.",) * body.parts
-        sd, exact = np.full(body.parts, TOLD_SD), np.zeros(body.parts)  # whatever the densities are
-        start = replace(start, young=young, log10_young_sd=sd, density_sd=exact, identified=np.ones(body.parts, bool), reasons=reasons)
+        sd, exact = np.full(body.parts, TOLD_SD), MaterialDoubt.none(body.parts)  # whatever the densities are
+        start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=np.ones(body.parts, bool), reasons=reasons)
     if "damping" in held:
         start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:

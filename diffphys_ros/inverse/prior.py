@@ -11,7 +11,7 @@ from ..start.force import AXIAL_SHARE
 from ..types import StartValues
 from .unknowns import Layout
 
-LEAST_SD = 0.005  # of log10 E: no start value is surer, whatever its densities
+LEAST_SD = 0.005  # of log10 E: no start value is surer, whatever its material
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Prior:
         log E where more is known than the standard deviations."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        at_densities = np.sqrt(np.maximum(start.log10_young_sd**2 - start.density_sd**2, LEAST_SD**2))  # that are held, or have a prior of their own
-        sd = np.hypot(at_densities, cls.MISSED * np.sqrt(start.track_cost))
+        of_these = np.sqrt(np.maximum(start.log10_young_sd**2 - start.material.of_young**2, LEAST_SD**2))  # densities and Poisson's ratios, which are held or have priors of their own
+        sd = np.hypot(of_these, cls.MISSED * np.sqrt(start.track_cost))
         known = np.diag((np.log(10) * sd) ** -2.0) if precision is None else precision
         hessian[:n, :n] = cls.LOG_YOUNG * known
         centre[:n] = -np.log(start_scale)

@@ -5,20 +5,18 @@ Independent track noise is irrelevant beside these three, so a standard deviatio
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..differences import differences
 from ..elements.mesh import narrowest_limb
 from ..linear_systems import inverted
-from ..modes.interpolation import quadrature
 from ..types import Body, Tracks
 from .free_tail import FREQUENCY_SD, Physics, Tail, physical, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
-DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
 
 
 def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray) -> np.ndarray:
@@ -30,19 +28,6 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
     fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
-
-
-def density_log10_sd(tail: Tail, physics: Physics, bend: Bend | None, body: Body, contrast: float) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,), from densities that share a known mass and of which ln is known to `contrast`.
-
-    Other densities change the square of a mode's frequency by the part's share of its inertia (Rayleigh); what the tail fit then makes
-    of E follows from how it bends; without one (None) E of all parts goes with the lowest mode. To first order, without what gravity does.
-    """
-    shares = _inertia_shares(tail, physics, body)
-    moves = np.tile(shares[0], (body.parts, 1)) if bend is None else (bend.inverse @ bend.jacobian.T @ _misfit_by_density(tail, physics, shares))[: body.parts]
-    mass = body.density * body.part_volumes_m3
-    free = np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)  # changes that leave the mass as it is
-    return contrast * np.linalg.norm(moves @ free, axis=1) / np.log(10.0)
 
 
 @dataclass(frozen=True)
@@ -74,26 +59,6 @@ def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:
     length = np.ptp(np.flatnonzero(body.inside.any(1))) * body.pitch_m
     widths = [narrowest_limb(body.inside & (body.part == i + 1)) * body.pitch_m for i in range(body.parts)]
     return np.hypot(2 * blur / np.maximum(widths, body.pitch_m), 4 * blur / length)
-
-
-def _misfit_by_density(tail: Tail, physics: Physics, shares: np.ndarray) -> np.ndarray:
-    """Derivatives of the tail's misfit, in standard deviations, by ln(density) of each part, (K d, n)."""
-    still = np.zeros(len(shares))
-    still[: len(physics.detune)] = physics.detune
-
-    def misfit(change: np.ndarray) -> np.ndarray:
-        return tail.misfit(replace(physics, detune=still - 0.5 * shares @ change)).ravel() / tail.sigma_m
-
-    return differences(misfit, np.zeros(shares.shape[1]))
-
-
-def _inertia_shares(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
-    """Share of each part in the kinetic energy of the modes at hand, (k, n), rows sum to 1."""
-    points, volume, _ = quadrature(tail.modal.nodes, tail.modal.tets)
-    part = np.repeat(tail.modal.part, 4) - 1
-    shapes = tail.modal.evaluate(points)[0] @ tail.modal.eigen(physics.young)[1][:, : tail.most_modes]
-    energy = (volume * body.density[part])[:, None] * (shapes**2).sum(1)
-    return np.stack([np.bincount(part, mode, body.parts) / mode.sum() for mode in energy.T])
 
 
 def metres_per_pixel(tracks: Tracks) -> float:

@@ -16,8 +16,9 @@ from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Sup
 from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
+from .material_doubt import DENSITY_CONTRAST, material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import DENSITY_CONTRAST, Bend, density_log10_sd, detuning_log10_sd, log10_young_sd, outline_sd
+from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
 MOST_DETUNING = 5.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
@@ -117,9 +118,8 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune)))
     residual = float(np.sqrt((tail.misfit(fit.physics) ** 2).sum(1).mean())) if len(tail.data) else 0.0
     bend = Bend.of(tail, fit.physics) if free else None
-    even = evidence.body.parts == 1 or evidence.settings.scene.density_kg_m3 is not None
-    density_sd = np.zeros(evidence.body.parts) if even else density_log10_sd(tail, fit.physics, bend, evidence.body, density_contrast)
-    geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), density_sd)
+    doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
+    geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
     sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
     holds = not (free and explained_badly(residual, evidence.motion.coherent_m, tail.size_m))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
@@ -133,7 +133,7 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
         has_free_tail=free,
         modes_hold=holds,
         geometry_sd=geometry_sd,
-        density_sd=density_sd,
+        material=doubt,
         detuning=detuning,
     )
 

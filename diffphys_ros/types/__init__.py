@@ -17,7 +17,7 @@ from .poses import transformed
 from .prior import MaterialPrior
 from .recovery import Recovery
 from .splats import Splats
-from .start import StartValues
+from .start import MaterialDoubt, StartValues
 from .tracks import Tracks
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Doubt",
     "Front",
     "Grid",
+    "MaterialDoubt",
     "MaterialPrior",
     "ModalProblem",
     "MpmProblem",

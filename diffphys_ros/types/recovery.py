@@ -23,6 +23,9 @@ class Recovery:
     log10_young_sd: np.ndarray  # shape (N,)
     poisson: np.ndarray  # shape (N,)
     density: np.ndarray  # [kg/m^3], shape (N,)
+    poisson_sd: np.ndarray  # shape (N,); 0 where it was told
+    density_sd: np.ndarray  # [kg/m^3], shape (N,); 0 where it was told
+    log10_specific_sd: np.ndarray  # of log10(young / density), shape (N,)
     force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
     clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces

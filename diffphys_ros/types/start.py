@@ -11,6 +11,21 @@ from ..footprints import Footprint
 
 
 @dataclass(frozen=True)
+class MaterialDoubt:
+    """How far what nobody told of the materials of n parts may be off, as standard deviations, shape (n,) each; 0 where it was told."""
+
+    density_log_sd: np.ndarray  # of ln(density)
+    poisson_sd: np.ndarray  # of Poisson's ratio
+    of_young: np.ndarray  # of log10 E by both
+    of_specific: np.ndarray  # of log10 (E / density) by both
+
+    @classmethod
+    def none(cls, parts: int) -> MaterialDoubt:
+        """Everything was told."""
+        return cls(*np.zeros((4, parts)))
+
+
+@dataclass(frozen=True)
 class StartValues:
     """What tracks and eigenmodes say before any simulation (arrays over parts have shape (n,))."""
 
@@ -30,6 +45,6 @@ class StartValues:
     reasons: tuple[str, ...]  # one sentence per part
     has_free_tail: bool  # false: young is a guess, the joint schedule must find it
     modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
-    geometry_sd: np.ndarray  # of log10 E by outline and densities alone, shape (n,)
-    density_sd: np.ndarray  # by densities alone, shape (n,)
+    geometry_sd: np.ndarray  # of log10 E by outline and what is not told of the materials alone, shape (n,)
+    material: MaterialDoubt
     detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

@@ -1,0 +1,81 @@
+"""What nobody told of the materials, densities and Poisson's ratios, and what it makes of Young's moduli; to first order, without what gravity does.
+
+Other densities change the square of a mode's frequency by the part's share of its inertia, other Poisson's ratios by what they change of its
+elastic energy (Rayleigh); what the tail fit then makes of E follows from how it bends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..config import Scene
+from ..differences import differences
+from ..modes.interpolation import evaluate, quadrature
+from ..types import Body, MaterialDoubt
+from .free_tail import Physics, Tail
+from .uncertainty import Bend
+
+DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
+ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700
+POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more
+
+
+def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float) -> MaterialDoubt:
+    """Of the parts of a body; `contrast` is the standard deviation of ln(density) of a part where none was given, and the mass of all stays as it
+    is. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
+    told = np.full(body.parts, 0.0 if scene.density_kg_m3 is not None else contrast)
+    changes = told[:, None] * _of_equal_mass(body)
+    poisson_sd = np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
+    by_density, by_poisson = mode_changes(tail, physics, body)
+    young_by_density = _taken_on(tail, physics, bend, by_density) @ changes
+    young_by_poisson = _taken_on(tail, physics, bend, by_poisson) * poisson_sd
+    nothing = scene.density_kg_m3 is None and scene.mass_kg is None
+    return MaterialDoubt(
+        density_log_sd=np.hypot(_lengths(changes), ANY_DENSITY if nothing else 0.0),
+        poisson_sd=poisson_sd,
+        of_young=_lengths(young_by_density, young_by_poisson) / np.log(10.0),
+        of_specific=_lengths(young_by_density - changes, young_by_poisson) / np.log(10.0),
+    )
+
+
+def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of ln(omega^2) of the modes that the tail is fitted with by ln(density) and by Poisson's ratio of each part, (k, n) each."""
+    modal = tail.modal
+    points, volume, _ = quadrature(modal.nodes, modal.tets)
+    part = np.repeat(modal.part, 4) - 1
+    squares, shapes = (each[..., : tail.most_modes] for each in modal.eigen(physics.young))
+    value, slope = evaluate(modal.nodes, modal.tets, modal.basis @ shapes, points)
+    strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))
+    nu = body.poisson[part][:, None]
+    lam, mu = (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2, -0.5 / (1 + nu) ** 2  # derivatives of Lame's constants over E
+    energy = (volume * physics.young[part])[:, None] * (lam * np.trace(strain, axis1=1, axis2=2) ** 2 + 2 * mu * (strain**2).sum((1, 2)))
+    inertia = (volume * body.density[part])[:, None] * (value**2).sum(1)
+    kinetic, elastic = (np.stack([np.bincount(part, mode, body.parts) for mode in each.T]) for each in (inertia, energy))
+    return -kinetic / kinetic.sum(1, keepdims=True), elastic / squares[:, None]
+
+
+def _of_equal_mass(body: Body) -> np.ndarray:
+    """Projection (n, n) of changes of ln(density) onto those that leave the mass as it is."""
+    mass = body.density * body.part_volumes_m3
+    return np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)
+
+
+def _taken_on(tail: Tail, physics: Physics, bend: Bend | None, change: np.ndarray) -> np.ndarray:
+    """Derivatives of ln E per part (n, m) by quantities that change ln(omega^2) of the modes by (k, m) each."""
+    parts = len(physics.young)
+    if bend is None:
+        return np.tile(-change[0], (parts, 1))
+    still = np.zeros(len(change))
+    still[: len(physics.detune)] = physics.detune
+
+    def misfit(by: np.ndarray) -> np.ndarray:
+        return tail.misfit(replace(physics, detune=still + 0.5 * change @ by)).ravel() / tail.sigma_m
+
+    return -(bend.inverse @ bend.jacobian.T @ differences(misfit, np.zeros(change.shape[1])))[:parts]
+
+
+def _lengths(*changes: np.ndarray) -> np.ndarray:
+    """Root sum of squares (n,) over independent causes (n, m) each."""
+    return np.linalg.norm(np.hstack(changes), axis=1)
