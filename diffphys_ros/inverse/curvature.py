@@ -14,8 +14,7 @@ from .unknowns import Layout
 def track_hessian(prepared: Prepared, layout: Layout, target: TrackTarget, *, initial_modes: int) -> np.ndarray:
     """Gauss-Newton Hessian (size, size) of TrackTarget.loss with respect to z at the start values; 0 where the linear engine knows no
     derivative."""
-    jacobian = _jacobian(prepared, layout, target, initial_modes)  # of hundreds of MB: no copy that need not be
-    jacobian *= layout.scale()
+    jacobian = _jacobian(prepared, layout, target, initial_modes) * layout.scale()
     if target.camera_from_body is not None:
         jacobian = _across_the_line_of_sight(jacobian, target, prepared.body, prepared.clip.camera)
     weight = target.weight.cpu().double().numpy()
@@ -37,8 +36,7 @@ def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_m
         initial_velocity=start.initial_velocity,
         initial_modes=initial_modes,
     )
-    jacobian -= jacobian[:1].copy()
-    return jacobian
+    return jacobian - jacobian[:1]
 
 
 def _across_the_line_of_sight(jacobian: np.ndarray, target: TrackTarget, body: Body, camera: Camera) -> np.ndarray:
