@@ -19,7 +19,7 @@ from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_st
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.memory import give_back, resident_mib, resident_mib_of
 from diffphys_ros.nodes.segment_node import SegmentNode
-from diffphys_ros.nodes.shared import shared
+from diffphys_ros.nodes.shared import place_of, shared
 from diffphys_ros.nodes.splat_node import SplatNode
 
 from .processes import PATIENCE_S
@@ -100,10 +100,10 @@ def test_what_is_shared_is_there_once():
 
 @pytest.mark.parametrize(("stage", "work"), [(SegmentNode, "diffphys_ros.segment.label_clip"), (SplatNode, "diffphys_ros.inverse.fit_gaussians")])
 def test_the_work_of_a_stage_takes_its_memory_along(make_node, made_clip, monkeypatch, stage, work):
-    """It is done in another process than the node's."""
+    """It is done in another process than the node's, and a whole clip is in memory that both see."""
     monkeypatch.setattr(work, None)
     node, stamps = make_node(stage), slot_stamps(made_clip)
     for name, fields in (*clip_messages(made_clip, stamps), *mask_messages(made_clip, stamps)):
         node.buffer.take(name, to_ros(TOPICS[name].type_name, fields))
     clip, *_ = [news.clip for news in node.job()() if isinstance(news, Assembled)]
-    assert clip.source
+    assert (place_of(clip.frames) is not None) == (stage is SegmentNode)
