@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+BAND_ROWS = 32  # of the frames, whose median is taken at a time: as numbers they need many times their memory
+
 
 def nearest_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Values (H, W, ...) with each unknown pixel's taken from the nearest known one; known: bool (H, W), true somewhere."""
@@ -21,6 +23,10 @@ def scene_behind(frames: np.ndarray, shown: np.ndarray, *, least_share: float = 
     scene = np.zeros(frames.shape[1:], np.uint8)
     if not known.any():
         return scene
-    seen = np.where(shown[:, known, None], frames[:, known].astype(np.float32), np.nan)
-    scene[known] = np.nanmedian(seen, 0).astype(np.uint8)
+    for top in range(0, len(known), BAND_ROWS):
+        band = slice(top, top + BAND_ROWS)
+        there = known[band]
+        if there.any():
+            seen = np.where(shown[:, band][:, there, None], frames[:, band][:, there].astype(np.float32), np.nan)
+            scene[band][there] = np.nanmedian(seen, 0).astype(np.uint8)
     return nearest_known(scene, known)

@@ -1,7 +1,7 @@
 """A generator that runs in a process of its own: it can be ended at any moment, and takes its memory along.
 
 `steps(function, *arguments)` yields and returns what `function(*arguments)` does there. News and results are pickled; large arrays are
-not copied on the way. To close the generator ends the process: it is asked first, so that it can keep a checkpoint, and killed after
+not copied on the way, and those of arguments that are `shared` are there once for both. To close the generator ends the process: it is asked first, so that it can keep a checkpoint, and killed after
 ASK_S. It dies with its parent, however that dies.
 """
 
@@ -23,10 +23,14 @@ from typing import Any
 
 from diffphys_ros.errors import SimulationError
 
+from .memory import give_back_always
+from .shared import Place, mapped, place_of
+
 ASK_S = 1.2
 LOOK_S = 0.05  # how often the parent looks whether it shall end
 NEWS, DONE, FAILED = "news", "done", "failed"
-_COUNT, _SIZE = struct.Struct("<I"), struct.Struct("<Q")
+_COUNT, _PART = struct.Struct("<I"), struct.Struct("<QiQ")  # parts; of each its size, and the file where it lies already, and where in that
+_HERE = Place(-1, 0)  # it follows
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl
 _CODE = "from diffphys_ros.nodes.child import main; main()"
 
@@ -45,16 +49,19 @@ class _Asked(BaseException):
 def steps(function: Callable[..., Generator[Any, None, Any]], *arguments: Any) -> Generator[Any, None, Any]:
     """Yields the news of the other process, and None every LOOK_S in between. Raises what it raised, SimulationError where it was killed."""
     ours, theirs = socket.socketpair()
+    parts = _parts((function, arguments))
+    files = {place.file for _, place in parts if place != _HERE}
+    del arguments
     command = [sys.executable, "-P", "-c", _CODE, str(theirs.fileno()), str(os.getpid())]
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     with ours:
         with theirs:
             # a session of its own: Ctrl-C is for the node, which ends this process in its own way
-            process = subprocess.Popen(command, pass_fds=[theirs.fileno()], env=os.environ | {"PYTHONPATH": path}, start_new_session=True)
+            process = subprocess.Popen(command, pass_fds=[theirs.fileno(), *files], env=os.environ | {"PYTHONPATH": path}, start_new_session=True)
         try:
             with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # its end says why
-                _send(ours, (function, arguments))
-            del arguments
+                _send(ours, parts)
+            del parts
             while True:
                 while not select.select([ours], [], [], LOOK_S)[0]:
                     yield None
@@ -76,6 +83,7 @@ def main() -> None:
     ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:  # it died meanwhile
         os._exit(1)
+    give_back_always()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _asked)
     status = 0
@@ -94,13 +102,13 @@ def _run(link: socket.socket, generator: Generator[Any, None, Any]) -> None:
     with contextlib.closing(generator):
         try:
             while True:
-                _send(link, (NEWS, next(generator), ""))
+                _send(link, _parts((NEWS, next(generator), "")))
         except StopIteration as stop:
-            _send(link, (DONE, stop.value, ""))
+            _send(link, _parts((DONE, stop.value, "")))
         except (BrokenPipeError, ConnectionResetError):
             raise
         except Exception as error:
-            _send(link, (FAILED, _portable(error), "".join(traceback.format_exception(error))))
+            _send(link, _parts((FAILED, _portable(error), "".join(traceback.format_exception(error)))))
 
 
 def _asked(number: int, frame: Any) -> None:
@@ -133,19 +141,30 @@ def _ended(status: int) -> Exception:
     return RuntimeError(f"the solver's process ended with status {status}")
 
 
-def _send(link: socket.socket, value: Any) -> None:
+def _parts(value: Any) -> list[tuple[Any, Place]]:
+    """The pickled value and the arrays in it, and where each lies."""
     buffers: list[pickle.PickleBuffer] = []
-    parts: Sequence[Any] = [pickle.dumps(value, protocol=5, buffer_callback=buffers.append), *(buffer.raw() for buffer in buffers)]
+    pickled = pickle.dumps(value, protocol=5, buffer_callback=buffers.append)
+    return [(pickled, _HERE), *((raw, place_of(raw) or _HERE) for raw in (buffer.raw() for buffer in buffers))]
+
+
+def _send(link: socket.socket, parts: Sequence[tuple[Any, Place]]) -> None:
     link.sendall(_COUNT.pack(len(parts)))
-    for part in parts:
-        link.sendall(_SIZE.pack(len(part)))
-        link.sendall(part)
+    for content, place in parts:
+        link.sendall(_PART.pack(len(content), *place))
+        if place == _HERE:
+            link.sendall(content)
 
 
 def _receive(link: socket.socket) -> Any:
     """Raises EOFError where the other end is gone."""
-    parts = [_exactly(link, _SIZE.unpack(_exactly(link, _SIZE.size))[0]) for _ in range(_COUNT.unpack(_exactly(link, _COUNT.size))[0])]
+    parts = [_part(link, *_PART.unpack(_exactly(link, _PART.size))) for _ in range(_COUNT.unpack(_exactly(link, _COUNT.size))[0])]
     return pickle.loads(parts[0], buffers=parts[1:])
+
+
+def _part(link: socket.socket, size: int, file: int, offset: int) -> bytearray | memoryview:
+    place = Place(file, offset)
+    return _exactly(link, size) if place == _HERE else mapped(place, size)
 
 
 def _exactly(link: socket.socket, size: int) -> bytearray:

@@ -18,6 +18,7 @@ from .limits import MAX_MIB, max_bytes
 from .memory import give_back
 from .parameters import Own
 from .qos import profile
+from .shared import shared
 from .stage import StageNode
 from .worker import DONE, FAILED, NEWS, Event, Job
 
@@ -33,11 +34,15 @@ class Assembled(NamedTuple):
 
 
 def assembled(buffer: ClipBuffer, frames: int | None = None) -> Generator[Any, None, Clip]:
-    """The clip of a job's own copy of the buffer, or its first `frames`; lets the messages go. Raises InputError."""
+    """The clip of a job's own copy of the buffer, in memory that its process can share, or its first `frames`; lets the messages go.
+    Raises InputError."""
     clip = buffer.clip()
     if frames is not None:
         cut = {name: getattr(clip, name)[:frames].copy() for name in ("frames", "depth", "labels", "observed") if getattr(clip, name) is not None}
         clip = replace(clip, **cut)
+    else:
+        clip = replace(clip, frames=shared(clip.frames))
+        clip = clip if clip.depth is None else replace(clip, depth=shared(clip.depth))
     buffer.settle(clip)
     yield Assembled((buffer.id, buffer.opened_ns), clip)
     return clip

@@ -13,11 +13,13 @@ from sensor_msgs.msg import Image
 from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
+from .child import steps
 from .clip_buffer import MASK
 from .clip_checks import check_labels, in_world, labels_of
 from .clip_stage import ClipStage, assembled
 from .clip_topics import mask_messages, slot_stamps
 from .parameters import Own
+from .segment_job import label
 from .worker import Job
 
 if TYPE_CHECKING:
@@ -68,16 +70,14 @@ class SegmentNode(ClipStage):
     def job(self) -> Job:
         buffer, settings, told = self.buffer.copy(), self.parameters.settings(), dict(self.told)
 
-        def label() -> Generator[Any, None, list[Any]]:
+        def labelled() -> Generator[Any, None, list[Any]]:
             from diffphys_ros.depth import placed
-            from diffphys_ros.segment import label_clip
 
             clip = placed(in_world((yield from assembled(buffer)), settings), settings)
-            mark = mark_of(told, clip.camera, self.names)
-            yield f"labelling {len(clip)} frames"
-            return list(mask_messages(clip.with_labels(label_clip(clip, settings, mark)), slot_stamps(clip, buffer.stamps())))
+            labels = yield from steps(label, clip, settings, mark_of(told, clip.camera, self.names))
+            return list(mask_messages(clip.with_labels(labels), slot_stamps(clip, buffer.stamps())))
 
-        return label
+        return labelled
 
     def on_news(self, news: str) -> None:
         self.get_logger().info(news)

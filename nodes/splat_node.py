@@ -8,8 +8,10 @@ from typing import Any
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.msg_schemas.messages import world_frame
 
+from .child import steps
 from .clip_checks import in_world
 from .clip_stage import ClipStage, assembled
+from .splat_job import fit
 from .splat_topic import splat_cloud
 from .worker import Job
 
@@ -29,16 +31,12 @@ class SplatNode(ClipStage):
     def job(self) -> Job:
         buffer, settings = self.buffer.copy(), self.parameters.settings()
 
-        def fit() -> Generator[Any, None, dict[str, Any]]:
-            from diffphys_ros.depth import placed, surface_depth
-            from diffphys_ros.inverse import fit_gaussians
+        def fitted() -> Generator[Any, None, dict[str, Any]]:
+            clip = in_world((yield from assembled(buffer, frames=1)), settings)
+            splats, camera = yield from steps(fit, clip, settings)
+            return splat_cloud(splats, messages.header(clip.start_ns, world_frame(camera)), buffer.first_labels_crc())
 
-            clip = placed(in_world((yield from assembled(buffer, frames=1)), settings), settings)
-            depth0, _ = surface_depth(clip, settings)
-            splats = yield from fit_gaussians(clip, depth0, settings)
-            return splat_cloud(splats, messages.header(clip.start_ns, world_frame(clip.camera)), buffer.first_labels_crc())
-
-        return fit
+        return fitted
 
     def on_news(self, news: Any) -> None:
         self.loss = news.loss if news.loss is not None else self.loss

@@ -132,8 +132,9 @@ def film() -> tuple[np.ndarray, np.ndarray]:
     for k, q in enumerate(swing()):
         back = v - (np.float32(q) * along**2 * (3 - along) / 2)
         inside = (u >= LEFT) & (u < RIGHT) & (back >= TOP) & (back < BOTTOM)
-        frames[k] = np.where(inside[..., None], cv2.remap(texture, u, back, cv2.INTER_LINEAR), grey)
-    return np.clip(frames + rng.normal(0, 1.5, (PERIOD, HEIGHT, WIDTH, 1)).round(), 0, 255).astype(np.uint8), depth
+        shown = np.where(inside[..., None], cv2.remap(texture, u, back, cv2.INTER_LINEAR), grey)
+        frames[k] = np.clip(shown + rng.normal(0, 1.5, (HEIGHT, WIDTH, 1)).round(), 0, 255)
+    return frames, depth
 
 
 def swing() -> np.ndarray:

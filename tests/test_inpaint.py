@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,16 @@ def test_pixels_that_are_hardly_ever_shown_take_their_neighbours_colours() -> No
 def test_a_scene_that_nothing_shows_is_black() -> None:
     frames, shown, _ = moving_square()
     assert not scene_behind(frames, np.zeros_like(shown)).any()
+
+
+def test_the_scene_behind_takes_little_more_memory_than_its_frames() -> None:
+    rng = np.random.default_rng(2)
+    frames, shown = rng.integers(0, 256, (15, 240, 320, 3), dtype=np.uint8), rng.uniform(size=(15, 240, 320)) < 0.9
+    tracemalloc.start()
+    scene = scene_behind(frames, shown)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5 * frames.nbytes
+    known = shown.any(0)
+    expected = np.nanmedian(np.where(shown[:, known, None], frames[:, known].astype(float), np.nan), 0).astype(np.uint8)
+    assert np.array_equal(scene[known], expected)

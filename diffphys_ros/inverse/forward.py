@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,6 +138,7 @@ class ForwardModel:
             law=self.law,
             planes=self.planes,
             batch=batch,
+            frames=len(clip) - 1,
         )
 
     def ensure_substeps(self, young: np.ndarray) -> bool:
@@ -166,7 +167,8 @@ class ForwardModel:
             acted.append(field_force(state.x, frame) if callable(field_force) else field_force[frame])  # type: ignore[index]
             return acted[-1]
 
-        states = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
+        path = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
+        states = State(torch.stack([state.data for state in path]))
         since0 = states.F @ torch.linalg.inv(start.F)[None]
         of_field = torch.stack(acted) if acted else None
         return Motion(states.x, since0, self.density_of(unknowns.force, of_field), unknowns, start, young, poisson, self._density(unknowns), of_field)
@@ -195,8 +197,8 @@ class ForwardModel:
             young = torch.stack([unknowns.young[self.part] for unknowns in every])
             poisson = self._poisson(every[0], None)
             start = self._start(every[0], young, poisson, simulator)
-            states = self._path(simulator, every[0], start, young, poisson, report=report)
-        return (states.x - states.x[:1]).transpose(0, 1)
+            x = torch.stack([state.x.clone() for state in self._path(simulator, every[0], start, young, poisson, report=report)])
+        return (x - x[:1]).transpose(0, 1)
 
     def _path(
         self,
@@ -207,9 +209,9 @@ class ForwardModel:
         poisson: torch.Tensor,
         push: Push | None = None,
         report: Callable[[float], None] | None = None,
-    ) -> State:
+    ) -> Iterator[State]:
         """States at all frames under the force and damping of the unknowns."""
-        return simulator.rollout(
+        return simulator.march(
             start,
             young,
             poisson,

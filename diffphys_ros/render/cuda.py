@@ -7,7 +7,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 import warp as wp
@@ -57,8 +57,7 @@ class _Steps:
     sum_frames: Step
 
 
-@dataclass(frozen=True)
-class _Kept:
+class _Kept(NamedTuple):
     """Projected Gaussians over frame and Gaussian, and the lists of their tiles."""
 
     splat: torch.Tensor  # (N, SPLAT)
@@ -88,7 +87,7 @@ class CudaChain:
         """Gradients of mean, rotation, scale, opacity, color from those of image, alpha, depth (None: zero)."""
         steps, stream = self._steps(scene.frames, *scene.counts), stream_of(self.device)
         gradient = self._splat_gradient(scene, rendered, cotangents, steps, stream)
-        return self._scene_gradient(scene, rendered.kept, gradient, steps, stream)
+        return self._scene_gradient(scene, _Kept(*rendered.kept), gradient, steps, stream)
 
     def _forward(self, scene: Scene, steps: _Steps, stream: wp.Stream | None) -> Rendered:
         splat = torch.empty(scene.total, SPLAT, device=self.device)
@@ -113,14 +112,14 @@ class CudaChain:
             self._counted.synchronize()
             needed = int(self._needed[0])
             if needed <= len(key):
-                return Rendered(images, _Kept(splat, box, table[1], key))
+                return Rendered(images, _Kept(splat, box, table[1], key[:needed]))
             self._room = int(SPARE * needed)
 
     def _splat_gradient(
         self, scene: Scene, rendered: Rendered, cotangents: Sequence[torch.Tensor | None], steps: _Steps, stream: wp.Stream | None
     ) -> torch.Tensor:
         """Gradient of the projected Gaussians (N, GRADIENT)."""
-        kept: _Kept = rendered.kept
+        kept = _Kept(*rendered.kept)
         seen = [c if c is None else c.contiguous() for c in cotangents]
         lists: list[Place] = [*addresses(kept.start, kept.key, kept.splat), _background(scene)]
         cotangent = [0 if c is None else c.data_ptr() for c in seen]

@@ -125,17 +125,17 @@ class _Render(torch.autograd.Function):
         scene = Scene(*(t.detach() for t in (mean, rotation, scale, opacity, color, background)))
         rendered = chain.forward(scene)
         ctx.set_materialize_grads(False)
-        ctx.chain, ctx.kept = chain, rendered.kept
-        ctx.save_for_backward(mean, rotation, scale, opacity, color, background, *rendered.images)
+        ctx.chain = chain
+        ctx.save_for_backward(mean, rotation, scale, opacity, color, background, *rendered.images, *rendered.kept)
         return rendered.images
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *cotangents):  # type: ignore[no-untyped-def]
-        *inputs, image, alpha, depth = (t.detach() for t in ctx.saved_tensors)
-        scene, behind = Scene(*inputs), None
-        gradients = ctx.chain.backward(scene, Rendered((image, alpha, depth), ctx.kept), cotangents)
+        saved = tuple(t.detach() for t in ctx.saved_tensors)
+        scene, rendered, behind = Scene(*saved[:6]), Rendered(saved[6:9], saved[9:]), None
+        gradients = ctx.chain.backward(scene, rendered, cotangents)
         if ctx.needs_input_grad[5] and cotangents[0] is not None:
-            passed = (1 - alpha)[..., None] * cotangents[0]
+            passed = (1 - rendered.images[1])[..., None] * cotangents[0]
             behind = passed.view(-1, *scene.background.shape).sum(0)
         return *gradients, behind, None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
@@ -45,4 +44,4 @@ class Rendered:
     """Outputs, and what the way back needs beside them."""
 
     images: Tensors  # image (T, h, w, 3), alpha (T, h, w), mean depth (T, h, w) [m]
-    kept: Any
+    kept: Tensors  # of the same shapes whenever the same is rendered: torch's checkpoints let go of them and compare

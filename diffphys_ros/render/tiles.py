@@ -14,9 +14,6 @@ wp.set_module_options({"enable_backward": False})
 class Tiles:
     """Pairs of tile and Gaussian, sorted by tile and then by depth."""
 
-    side: int  # of a tile [px]
-    columns: int  # tiles across the window
-    rows: int
     start: wp.array  # first pair of every tile of every frame, and the end, int, shape (frames * rows * columns + 1,)
     owner: wp.array  # index (frame * gaussians + gaussian) of every pair, int
 
@@ -68,7 +65,7 @@ def find_starts(
         start[t] = k
 
 
-def sort_into_tiles(box: wp.array, count: wp.array, depth: wp.array, *, gaussians: int, side: int, columns: int, rows: int) -> Tiles:
+def sort_into_tiles(box: wp.array, count: wp.array, depth: wp.array, *, gaussians: int, columns: int, rows: int) -> Tiles:
     """Tiles of the projected Gaussians (frames * gaussians,). Ties in depth keep the order of the Gaussians."""
     device, tiles = count.device, count.shape[0] // gaussians * rows * columns
     end = wp.empty_like(count)
@@ -81,4 +78,4 @@ def sort_into_tiles(box: wp.array, count: wp.array, depth: wp.array, *, gaussian
     if pairs:
         wp.utils.radix_sort_pairs(key, owner, pairs)
     wp.launch(find_starts, pairs + 1, [key, pairs, tiles], [start], device=device)
-    return Tiles(side, columns, rows, start, owner)
+    return Tiles(start, owner)

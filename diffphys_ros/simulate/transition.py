@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,8 @@ class Simulator:
 
     Every length is in the body frame. A rollout keeps about 96 bytes x batch x particles x frames (float32), and the
     simulator 96 bytes x batch x particles x 2 sqrt(substeps) beside its grids; up to `memory_budget_mb` it keeps substep
-    states of whole frames instead, which saves replays and changes no result.
+    states of whole frames instead, which saves replays and changes no result; not where that is a small share of the `frames` of a
+    rollout.
 
     In a batch of B every shape below that starts with P may have a leading B, and states always have: (B, P, 24). Inputs
     without it are shared. A value for each simulation and not for each particle has shape (B, 1); mass damping (B,).
@@ -85,6 +86,7 @@ class Simulator:
         handle: Handle | None = None,
         batch: int | None = None,
         memory_budget_mb: float = 512.0,
+        frames: int = 0,
     ):
         """`substeps` per frame of `period_s` [s]; `gravity` [m/s^2]; `law`: a name in laws.LAWS.
 
@@ -132,6 +134,7 @@ class Simulator:
             nodal=self.nodal,
             borders=self.borders,
             budget=memory_budget_mb * 2**20,
+            frames=frames,
         )
 
     def tensor(self, values: np.ndarray | Tensor | Sequence[float] | float) -> Tensor:
@@ -195,17 +198,50 @@ class Simulator:
         at most so many frames back; `push(state, k)` is a force on top of force[k], asked for once, with the state at frame k;
         `report` hears the share of frames done. Else as in `frame`.
         """
+        states = self.march(
+            state,
+            young,
+            poisson,
+            force,
+            mass_damping,
+            density=density,
+            friction=friction,
+            handle_poses=handle_poses,
+            after_frame=after_frame,
+            cut_every=cut_every,
+            push=push,
+            report=report,
+        )
+        return State(torch.stack([s.data for s in states]))
+
+    def march(
+        self,
+        state: State,
+        young: Tensor,
+        poisson: Tensor,
+        force: Tensor,
+        mass_damping: Tensor | float,
+        *,
+        density: Tensor | None = None,
+        friction: Tensor | None = None,
+        handle_poses: Tensor | None = None,
+        after_frame: AfterFrame | None = None,
+        cut_every: int | None = None,
+        push: Push | None = None,
+        report: Callable[[float], None] | None = None,
+    ) -> Iterator[State]:
+        """The states of `rollout` one by one, for who needs little of each."""
         material, drag = self._material(young, poisson, density), self._drag(mass_damping)
         paths = self._paths(handle_poses, len(force))
-        states = [state]
+        yield state
         for k, density_of_force in enumerate(force):
-            before = states[-1].detach() if cut_every and k and k % cut_every == 0 else states[-1]
+            before = state.detach() if cut_every and k and k % cut_every == 0 else state
             acting = density_of_force + push(before, k) if push else density_of_force
             after = self._step(before, material, acting, drag, self._borders(friction, paths[k]), k)
-            states.append(after_frame(after) if after_frame else after)
+            state = after_frame(after) if after_frame else after
+            yield state
             if report:
                 report((k + 1) / len(force))
-        return State(torch.stack([s.data for s in states]))
 
     def settle(
         self,

@@ -1,5 +1,7 @@
 """The scan over one factor of all moduli, as batches of simulations."""
 
+import weakref
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,7 @@ import torch
 from diffphys_ros.inverse import modulus_scan as scan
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.problem import SHIFTS, pose_problem
+from diffphys_ros.simulate import Simulator
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +54,18 @@ def test_memory_bounds_the_size_of_a_batch(problem, monkeypatch):
     whole = np.array([problem.prepared.clip.frames.shape[0] * len(problem.disc.particles.x_rest) * scan.STATE_BYTES])
     monkeypatch.setattr(scan, "MOST_BYTES", 3.0 * whole[0])
     assert max(len(batch) for batch in scan._batches(problem.forward, trials)) <= 3
+
+
+def test_of_a_trials_states_the_positions_alone_are_held(problem, monkeypatch):
+    states, held, march = [], [], Simulator.march
+
+    def watched(simulator, *given, **options):
+        for state in march(simulator, *given, **options):
+            states.append(weakref.ref(state.data))
+            held.append(sum(known() is not None for known in states))
+            yield state
+
+    monkeypatch.setattr(Simulator, "march", watched)
+    scan.track_values(problem, shifted(problem, -0.1, 0.0))
+    assert len(held) == len(problem.prepared.clip)
+    assert max(held) <= 3

@@ -2,12 +2,49 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
+import time
+from pathlib import Path
 
-from diffphys_ros.nodes.memory import give_back, resident_mib
+import numpy as np
+import pytest
 
+from diffphys_ros.msg_schemas import TOPICS
+from diffphys_ros.nodes.child import steps
+from diffphys_ros.nodes.clip_stage import Assembled
+from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
+from diffphys_ros.nodes.convert import to_ros
+from diffphys_ros.nodes.memory import give_back, resident_mib, resident_mib_of
+from diffphys_ros.nodes.segment_node import SegmentNode
+from diffphys_ros.nodes.shared import place_of, shared
+from diffphys_ros.nodes.splat_node import SplatNode
+
+from .processes import PATIENCE_S
+
+HOLES = """
+import sys
+from diffphys_ros.nodes.memory import give_back_always, resident_mib
+give_back_always()
+pieces = [bytes(60_000) for _ in range(4000)]
+full, pieces = resident_mib(), [bytes(60_000)]
+print(full, flush=True)
+sys.stdin.read()
+"""
 HELD = "import sys; held = bytearray(b'x') * (100 << 20); print('ready', flush=True); sys.stdin.read()"
+
+
+def summed(array: np.ndarray):
+    """In the other process."""
+    yield int(array.sum(dtype=np.int64))
+    while True:
+        time.sleep(0.01)
+
+
+def pss_mib(pid: int) -> float:
+    return int(re.search(r"^Pss: +(\d+)", Path(f"/proc/{pid}/smaps_rollup").read_text(), re.MULTILINE)[1]) / 1024  # type: ignore[index]
 
 
 def test_what_is_held_now_counts_and_what_a_child_holds_too():
@@ -36,3 +73,37 @@ def test_small_pieces_go_back_to_the_system():
     give_back()
     assert resident_mib() - before < 30
     assert last
+
+
+def test_holes_between_small_pieces_go_back_while_the_work_goes_on():
+    with subprocess.Popen([sys.executable, "-c", HOLES], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        full = float(child.stdout.readline())
+        end = time.monotonic() + PATIENCE_S
+        while resident_mib_of(child.pid) > full - 150:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        child.communicate("")
+
+
+def test_what_is_shared_is_there_once():
+    array = shared(np.ones(100 << 20, np.uint8))
+    before = pss_mib(os.getpid())
+    work = steps(summed, array)
+    assert next(said for said in work if said is not None) == array.nbytes
+    assert pss_mib(os.getpid()) < before - 40  # half of it counts for the other process
+    work.close()
+    before = resident_mib()
+    del array, work
+    assert resident_mib() < before - 90
+
+
+@pytest.mark.parametrize(("stage", "work"), [(SegmentNode, "diffphys_ros.segment.label_clip"), (SplatNode, "diffphys_ros.inverse.fit_gaussians")])
+def test_the_work_of_a_stage_takes_its_memory_along(make_node, made_clip, monkeypatch, stage, work):
+    """It is done in another process than the node's, and a whole clip is in memory that both see."""
+    monkeypatch.setattr(work, None)
+    node, stamps = make_node(stage), slot_stamps(made_clip)
+    for name, fields in (*clip_messages(made_clip, stamps), *mask_messages(made_clip, stamps)):
+        node.buffer.take(name, to_ros(TOPICS[name].type_name, fields))
+    clip, *_ = [news.clip for news in node.job()() if isinstance(news, Assembled)]
+    assert (place_of(clip.frames) is not None) == (stage is SegmentNode)

@@ -15,6 +15,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
+from diffphys_ros.nodes.segment_job import label
 from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode, pixel_of
 
 from .processes import PATIENCE_S
@@ -112,7 +113,13 @@ def test_a_mask_from_a_topic_is_the_object(make_node, two_blocks) -> None:
 @pytest.mark.parametrize("what", [CLICK, FIRST_MASK])
 def test_what_is_clicked_or_masked_reaches_segmentation_beside_the_settings_that_a_person_set(make_node, two_blocks, monkeypatch, what) -> None:
     got = []
-    monkeypatch.setattr("diffphys_ros.segment.label_clip", lambda clip, settings, mark: got.append((clip, settings, mark)) or np.zeros(clip.frames.shape[:3], np.uint8))
+
+    def elsewhere(job, *given):
+        assert job is label
+        yield got.append(given)
+        return np.zeros(given[0].frames.shape[:3], np.uint8)
+
+    monkeypatch.setattr("diffphys_ros.nodes.segment_node.steps", elsewhere)
     node = make_node(Watched, wait_for=what, segment__point_px="[60.0, 70.0]", segment__method="otsu")
     feed(node, two_blocks)
     mask = np.full((96, 128), 255, np.uint8)

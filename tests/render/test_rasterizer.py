@@ -1,11 +1,15 @@
 """The Warp renderer against a plain torch twin in double precision, and against closed forms."""
 
+import weakref
+
 import numpy as np
 import pytest
 import torch
+from torch.utils.checkpoint import checkpoint
 
 from diffphys_ros.errors import InputError
 from diffphys_ros.render import Rasterizer, window_around
+from diffphys_ros.render.cpu import CpuChain
 from diffphys_ros.types import Camera
 
 from . import random_scenes, twin
@@ -223,3 +227,23 @@ def test_each_frame_shows_its_own_background():
     image, alpha, _ = Rasterizer(plain_camera()).render_frames(mean.expand(2, 1, 3), rotation.expand(2, 1, 4), *rest, behind, window=window)
     black, _, _ = Rasterizer(plain_camera()).render(mean, rotation, *rest, window=window)
     torch.testing.assert_close(image, black + (1 - alpha)[..., None] * behind[:, 4:25, 3:30])
+
+
+def test_a_checkpoint_lets_go_of_all_that_the_way_back_needs(monkeypatch):
+    camera = random_scenes.oblique_camera()
+    leaves = random_scenes.to_float32(random_scenes.random_gaussians(camera, 60, 0, (0.2, 0.95)))
+    rasterizer, kept, forward = Rasterizer(camera), [], CpuChain.forward
+
+    def watched(chain, scene):
+        rendered = forward(chain, scene)
+        kept.extend(map(weakref.ref, rendered.kept))
+        return rendered
+
+    monkeypatch.setattr(CpuChain, "forward", watched)
+    plain = torch.autograd.grad(rasterizer.render(*leaves)[0].sum(), leaves)
+    kept.clear()
+    image = checkpoint(lambda *given: rasterizer.render(*given)[0], *leaves, use_reentrant=False)
+    assert kept
+    assert not any(known() is not None for known in kept)
+    for a, b in zip(plain, torch.autograd.grad(image.sum(), leaves), strict=True):
+        assert torch.equal(a, b)

@@ -127,6 +127,12 @@ def test_a_larger_budget_keeps_states_then_velocities_then_frames():
     assert [level(b) for b in (states - 1, states, whole, 5 * whole)] == [(8, False, 0), (60, False, 0), (60, True, 1), (60, True, 5)]
 
 
+def test_a_few_frames_of_many_are_not_kept():
+    whole = 61 * 96 + 60 * 32
+    kept = [Plan.within(5 * whole, substeps=60, state=96, velocity=32, frames=frames).kept for frames in (0, 5, 50, 51, 500)]
+    assert kept == [5, 5, 5, 1, 1]
+
+
 @pytest.mark.parametrize("budget_mb", [0.0, 1.5, 20.0])
 def test_the_simulator_holds_what_its_formula_says(budget_mb):
     sim = simulator(block((6, 3, 3), dx=0.02), substeps=50, period_s=PERIOD_S, memory_budget_mb=budget_mb, dtype=torch.float32)

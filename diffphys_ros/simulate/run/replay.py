@@ -73,10 +73,11 @@ class Replay:
         nodal: bool,
         borders: Borders,
         budget: float,
+        frames: int,
     ):
         wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)  # its banner and compile log are not ours to print
         wp.init()
-        self.substeps, self.nodal, self.budget = substeps, nodal, budget
+        self.substeps, self.nodal, self.budget, self.frames = substeps, nodal, budget, frames
         self.scratch = Scratch(
             volume, grid, batch=batch, mean_mass=mean_mass, frame_s=period_s, nodal=nodal, borders=borders, substeps=substeps
         )
@@ -160,7 +161,7 @@ class Replay:
         s = self.scratch
         s.reserve(self.room)
         self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room
-        self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes)
+        self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes, frames=self.frames)
         self._chunk_tape: Tape | None = None
         self._marks = s.volume.new_zeros(0)
 

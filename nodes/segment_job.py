@@ -1,0 +1,22 @@
+"""The labelling as it runs in a process of its own, which takes its memory along: it needs no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from diffphys_ros.config import Settings
+from diffphys_ros.types import Clip
+
+if TYPE_CHECKING:
+    from diffphys_ros.segment import Mark
+
+
+def label(clip: Clip, settings: Settings, mark: Mark) -> Generator[Any, None, np.ndarray]:
+    """News, then the label images (T, H, W) of a clip that is placed."""
+    from diffphys_ros.segment import label_clip
+
+    yield f"labelling {len(clip)} frames"
+    return label_clip(clip, settings, mark)
