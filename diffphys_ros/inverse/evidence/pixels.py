@@ -77,14 +77,14 @@ class ImageTerm:
         self.frames = chosen[clip.seen[chosen]]
         self.window = window_around(object_mask(clip.labels), MARGIN_PX)
         left, top, right, bottom = self.window
-        crop = (slice(top, bottom), slice(left, right))
-        device = renderer.mean.device
-        self.observed = torch.as_tensor(clip.frames[self.frames][:, *crop], device=device).float() / 255
-        self.mask = torch.as_tensor(object_mask(clip.labels[self.frames])[:, *crop], device=device)
+        crop = (self.frames, slice(top, bottom), slice(left, right))  # a copy of these pixels alone
+        device, mask = renderer.mean.device, object_mask(clip.labels[crop])
+        self.observed = torch.as_tensor(clip.frames[crop], device=device)  # 0..255
+        self.mask = torch.as_tensor(mask, device=device)
         self.depth = self.measured = None
         if with_depth and clip.depth is not None:
-            interior = torch.as_tensor(binary_erosion(object_mask(clip.labels[self.frames]), _ACROSS, EDGE_PX)[:, *crop], device=device)
-            self.depth = torch.as_tensor(clip.depth[self.frames][:, *crop], device=device).float()
+            interior = torch.as_tensor(binary_erosion(mask, _ACROSS, EDGE_PX), device=device)
+            self.depth = torch.as_tensor(clip.depth[crop], device=device).float()
             self.measured = known_depth(self.depth, interior)
         self.frozen = 1.0
         self.overlap = min(1.0, TEXTURE_PX / _rms_motion_px(prepared)) ** 2
@@ -114,7 +114,7 @@ class ImageTerm:
         """Of a few of the chosen frames. Gross errors of depth are left out: there the pixel shows something else than the mask says."""
         image, _, depth = self.renderer.render(x, x0, F, self.window)
         mask = self.mask[span]
-        colours = image_loss(image, self.observed[span], mask, ssim_weight=self.ssim_weight)
+        colours = image_loss(image, self.observed[span].float() / 255, mask, ssim_weight=self.ssim_weight)
         if self.depth is None or self.measured is None:
             return _Misfits(colours, mask.sum(), *torch.zeros(2, device=depth.device))
         near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
