@@ -39,7 +39,7 @@ class _ThereError(Exception):
     """The traceback of an error of the other process, as cause of the error here."""
 
     def __str__(self) -> str:
-        return f"in the solver's process:\n{self.args[0]}"
+        return f"in the process that works:\n{self.args[0]}"
 
 
 class _Asked(BaseException):
@@ -137,8 +137,8 @@ def _end(process: subprocess.Popen[bytes], link: socket.socket) -> None:
 
 def _ended(status: int) -> Exception:
     if status == -signal.SIGKILL:
-        return SimulationError("the solver's process was killed, as Linux does where memory ends; take fewer particles.cells, splats.max_count or a shorter clip")
-    return RuntimeError(f"the solver's process ended with status {status}")
+        return SimulationError("the process that works was killed, as Linux does where memory ends; take fewer particles.cells, splats.max_count or a shorter clip")
+    return RuntimeError(f"the process that works ended with status {status}")
 
 
 def _parts(value: Any) -> list[tuple[Any, Place]]:

@@ -37,7 +37,7 @@ def give_back() -> None:
 
 def give_back_always() -> None:
     """From here on whatever the work does: it leaves small pieces between large ones, and the allocator keeps the holes, up to what the work needs
-    once more. Costs 1 % of the time."""
+    once more."""
     threading.Thread(target=_give_back_for_ever, name="memory", daemon=True).start()
 
 
