@@ -47,9 +47,8 @@ def plane_depth(depth: np.ndarray, pixels: np.ndarray, *, radius: int = 3, mask:
 
 
 def _solve(basis: np.ndarray, inverse: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    weighted = basis * weight[..., None]
-    normal = np.einsum("pki,pkj->pij", weighted, basis) + 1e-6 * np.eye(3)
-    return np.linalg.solve(normal, np.einsum("pki,pk->pi", weighted, inverse)[..., None])[..., 0]
+    weighted = np.swapaxes(basis * weight[..., None], 1, 2)
+    return np.linalg.solve(weighted @ basis + 1e-6 * np.eye(3), weighted @ inverse[..., None])[..., 0]
 
 
 def _fitted(basis: np.ndarray, inverse: np.ndarray, weight: np.ndarray) -> np.ndarray:

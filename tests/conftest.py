@@ -16,6 +16,8 @@ from diffphys_ros.types import Camera, Clip, Grid, MpmProblem, Recovery
 FRAMES, HEIGHT, WIDTH, PERIOD_S = 12, 48, 64, 1 / 30
 SPACING = 0.01  # m
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a hundred processes of the tests would each compile the whole package
+
 TESTS = Path(__file__).parent
 SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, whole captures and processes: left out of `make check`
 SLOW_TIMEOUT_S = 600.0  # their waits end well before

@@ -35,11 +35,11 @@ class Step:
 
     def history(self, state: np.ndarray, frames: int) -> np.ndarray:
         """Free displacements (frames, r) from a state (2, r) at frame 0."""
-        rows = np.empty((frames, state.shape[1]))
-        for k in range(frames):
-            rows[k] = state[0]
-            state = self(state)
-        return rows
+        states, ahead = state[:, None], self.matrix  # of the first frames, and what takes a state as many frames further
+        while states.shape[1] < frames:
+            states = np.concatenate([states, ahead[:, 0, None] * states[0] + ahead[:, 1, None] * states[1]], 1)
+            ahead = ahead[:, 0, None] * ahead[0] + ahead[:, 1, None] * ahead[1]
+        return states[0, :frames]
 
     def pulse(self, frames: int) -> np.ndarray:
         """Displacements (frames, r) after a unit load that acted in frame 0 alone."""

@@ -100,8 +100,9 @@ def _shapes(q: np.ndarray, moved: np.ndarray, counted: np.ndarray) -> np.ndarray
     """Least-squares shapes (M, r + 1, 3), a constant last, of displacements (F, M, 3) over coordinates (F, r), each track over its own
     frames."""
     terms = np.column_stack([q, np.ones(len(q))])
-    normal = np.einsum("fm,fi,fj->mij", counted.astype(float), terms, terms) + RIDGE * np.eye(terms.shape[1])
-    moment = np.einsum("fm,fi,fmc->mic", counted.astype(float), terms, moved)
+    own = counted.T[:, None] * terms.T  # (M, r + 1, F)
+    normal = own @ terms + RIDGE * np.eye(terms.shape[1])
+    moment = own @ moved.swapaxes(0, 1)
     return np.linalg.solve(normal, moment)
 
 
@@ -110,13 +111,14 @@ def _refitted(shapes: np.ndarray, moved: np.ndarray, holds: np.ndarray) -> np.nd
     whose coordinates were off, and whose tracks therefore no longer counted, comes back."""
     design, constant = shapes[:, :-1].transpose(0, 2, 1), shapes[:, -1]
     offset, weight = moved - constant, holds.astype(float)
+    flat, squared = design.reshape(-1, design.shape[2]), np.swapaxes(design, 1, 2) @ design
     for _ in range(REFITS):
-        normal = np.einsum("fm,mci,mcj->fij", weight, design, design)
-        moment = np.einsum("fm,mci,fmc->fi", weight, design, offset)
+        normal = np.tensordot(weight, squared, 1)
+        moment = (weight[..., None] * offset).reshape(len(weight), -1) @ flat
         size = np.maximum(np.trace(normal, axis1=1, axis2=2), LEAST_SIZE)[:, None, None]
         ridge = RIDGE * size * np.eye(design.shape[2]) / design.shape[2]
         q = np.linalg.solve(normal + ridge * RIDGE, moment[..., None])[..., 0]
-        fitted = constant + np.einsum("fi,mci->fmc", q, design)
+        fitted = constant + (q @ flat.T).reshape(offset.shape)
         error = np.linalg.norm(moved - fitted, axis=2)
         weight = holds / np.maximum(error, SMALLEST_SHARE * np.median(error[holds]) + 1e-12)
     return fitted

@@ -22,15 +22,15 @@ def check(answer: Answer, trajectory: float) -> None:
 
 
 def test_tracks_alone_recover_the_strip(recovered: Recover) -> None:
-    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "5", *NO_PICTURES), POINTS)
+    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "4", *NO_PICTURES), POINTS)
 
 
 def test_depth_alone_recovers_the_strip(recovered: Recover) -> None:
-    check(recovered("strip", TRACKS, "0", IMAGES, "0", DEPTH, "1", "--fit.iterations", "6", "--experiment.image_every", "5"), SURFACE)
+    check(recovered("strip", TRACKS, "0", IMAGES, "0", DEPTH, "1", "--fit.iterations", "5", "--experiment.image_every", "5"), SURFACE)
 
 
 def test_squared_colour_differences_alone_recover_the_strip_with_gaussians_that_turn(recovered: Recover) -> None:
-    check(recovered("strip", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "0", "--fit.iterations", "10", *FEWER_GAUSSIANS), PICTURE)
+    check(recovered("strip", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "0", "--fit.iterations", "8", *FEWER_GAUSSIANS), PICTURE)
 
 
 def test_structural_similarity_alone_recovers_the_strip_though_its_light_fades(recovered: Recover) -> None:

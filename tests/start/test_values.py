@@ -152,12 +152,6 @@ def test_a_wrong_body_raises_the_alarm(seen):
     assert not found.identified.all()
 
 
-def test_equal_input_gives_equal_bits(body, seen, start):
-    again = start_values(body, seen, PERIOD_S, settings(at_rest=True))[0]
-    assert np.array_equal(again.young, start.young)
-    assert np.array_equal(again.force, start.force)
-
-
 def test_a_simulated_two_part_beam_is_recovered(scenes):
     truth = dict(np.load(scenes / "beam_two_part" / "truth.npz"))
     pose = np.eye(4)
