@@ -21,7 +21,6 @@ MOST_FRAMES = 5_000
 MOST_SIDE = 16_384  # px of a frame
 LATEST_NS = 2**62  # of a stamp, to either side of 1970: the difference of two fits into 64 bits
 PERIODS_S = (1e-6, 100.0)  # between two frames
-ALL = FrameSettings()
 Stamped = Sequence[tuple[int, np.ndarray]]  # stamp [ns], image
 
 
@@ -58,7 +57,7 @@ def assemble(
     *,
     notes: Sequence[str] = (),
     slop_s: float | None = None,
-    frames: FrameSettings = ALL,
+    frames: FrameSettings | None = None,
 ) -> Clip:
     """A Clip from stamped images.
 
@@ -70,7 +69,7 @@ def assemble(
         images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
         source: where the clip comes from; error messages name it. notes: put before the notes found here.
         slop_s: longest time between a colour image and its depth image [s]; half a period where not given.
-        frames: which frames of the clock to take; of the others nothing but their stamps is looked at.
+        frames: which frames of the clock to take, all where not given; of the others nothing but their stamps is looked at.
 
     Raises InputError for fewer than two frames, sizes that differ or are too large, stamps that are no clock, depth that holds nothing,
     more than MOST_FRAMES or MOST_PIXELS, and fewer than `frames` asks for.
@@ -83,8 +82,9 @@ def assemble(
     stamps = np.array([stamp for stamp, _ in images], np.int64)
     slots, period, found = uniform_clock(stamps, source)
     notes = [*notes, *found]
-    kept = slots < fitted_frames(frames, int(slots[-1]) + 1, source)
-    slots, stamps = slots[kept], stamps[kept]
+    if frames is not None:
+        kept = slots < fitted_frames(frames, int(slots[-1]) + 1, source)
+        slots, stamps = slots[kept], stamps[kept]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
     pictures = np.stack([images[i][1] for i in last_of_slot])
     observed = np.isin(np.arange(len(pictures)), slots)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from diffphys_ros.bags.assemble import ALL, Stamped, assemble
+from diffphys_ros.bags.assemble import Stamped, assemble
 from diffphys_ros.bags.rig import Received, Rig
 from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, named
@@ -19,7 +19,7 @@ def clip_of(
     depths: Stamped = (),
     masks: Stamped = (),
     notes: Sequence[str] = (),
-    frames: FrameSettings = ALL,
+    frames: FrameSettings | None = None,
 ) -> Clip:
     """The clip of colour images, depth [m] and label images as they were sent, decoded; the mask nearest to the first image is used.
 

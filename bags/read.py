@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from diffphys_ros.bags.assemble import ALL, Bounded, Stamped
+from diffphys_ros.bags.assemble import Bounded, Stamped
 from diffphys_ros.bags.decode import decode_compressed, decode_image
 from diffphys_ros.bags.filmed import clip_of
 from diffphys_ros.bags.gravity import Imu
@@ -26,12 +26,12 @@ MOST_REASON = 300  # characters: an image's own words stand in it
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
-def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None, frames: FrameSettings = ALL) -> Clip:
+def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None, frames: FrameSettings | None = None) -> Clip:
     """The clip in an .mcap or .db3 file, a rosbag2 folder, a video file or a folder of images.
 
     Settings used: topics.*, camera.fov_deg (where there is no camera_info), camera.fps (image folders; overrides a video's own), sync.*,
     scene.target_frame and what of scene.* speaks of the world. Of a recording the first `start_s` can be left out and no more than
-    `duration_s` taken [s]; `frames` keeps frames at the end back, of which nothing but the stamps is looked at.
+    `duration_s` taken [s]; `frames` says which frames to keep back, of which nothing but the stamps is looked at.
     Raises InputError with one sentence for everything that cannot be read.
     """
     path = existing(path)
@@ -61,7 +61,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix in BAG_SUFFIXES or (path / METADATA).exists()
 
 
-def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int], frames: FrameSettings) -> Clip:
+def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int], frames: FrameSettings | None) -> Clip:
     image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
     images, frame_id, notes = _read_topic(bag, image_topic, source, "image", span)
     if not images:

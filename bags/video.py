@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.assemble import ALL, Bounded, Stamped, assemble, check_extent
+from diffphys_ros.bags.assemble import Bounded, Stamped, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
 from diffphys_ros.bags.storage import existing
@@ -27,7 +27,7 @@ MOST_PICTURE_BYTES = 256 << 20
 JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenCV 4 fills what is cut off with grey
 
 
-def read_video(path: Path, settings: Settings, frames: FrameSettings = ALL) -> Clip:
+def read_video(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate. Raises InputError."""
     fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
     low, high = FRAME_RATES
@@ -84,7 +84,7 @@ def _stated(path: Path, what: int) -> float:
         capture.release()
 
 
-def read_images(path: Path, settings: Settings, frames: FrameSettings = ALL) -> Clip:
+def read_images(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a folder of .png or .jpg images, in the order of the numbers in their names. Raises InputError."""
     files = image_files(path)
     if not files:
@@ -135,7 +135,7 @@ def _stamped(pictures: Iterable[np.ndarray], fps: float, source: str) -> Stamped
     return images.taken
 
 
-def _clip(images: Stamped, settings: Settings, source: str, frames: FrameSettings) -> Clip:
+def _clip(images: Stamped, settings: Settings, source: str, frames: FrameSettings | None) -> Clip:
     fov_deg, told = settings.camera.fov_deg, told_of_world(settings.scene)
     notes = [] if fov_deg else [f"no field of view was given: {ASSUMED_FOV_DEG:g} degrees are assumed (camera.fov_deg)"]
     if told and not settings.scene.target_frame:

@@ -2,6 +2,6 @@
 
 from .figures import Figures, figures
 from .held_out import HeldOut, held_out
-from .predicted import predicted
+from .let_free import predicted
 
 __all__ = ["Figures", "HeldOut", "figures", "held_out", "predicted"]
