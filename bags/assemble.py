@@ -8,6 +8,7 @@ import numpy as np
 
 from diffphys_ros.bags.exposure import with_steady_exposure
 from diffphys_ros.bags.stuck import stuck_frames
+from diffphys_ros.config import FrameSettings
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Camera, Clip
 
@@ -49,7 +50,14 @@ def check_extent(frames: int, pixels: int, source: str) -> None:
 
 
 def assemble(
-    images: Stamped, depths: Stamped, camera: Camera, source: str, *, notes: Sequence[str] = (), slop_s: float | None = None
+    images: Stamped,
+    depths: Stamped,
+    camera: Camera,
+    source: str,
+    *,
+    notes: Sequence[str] = (),
+    slop_s: float | None = None,
+    frames: FrameSettings | None = None,
 ) -> Clip:
     """A Clip from stamped images.
 
@@ -61,9 +69,10 @@ def assemble(
         images: (stamp [ns], RGB uint8 (H, W, 3)) in any order. depths: (stamp [ns], [m] float32 (H, W), 0 unknown), or empty.
         source: where the clip comes from; error messages name it. notes: put before the notes found here.
         slop_s: longest time between a colour image and its depth image [s]; half a period where not given.
+        frames: which frames of the clock to take, all where not given; of the others nothing but their stamps is looked at.
 
     Raises InputError for fewer than two frames, sizes that differ or are too large, stamps that are no clock, depth that holds nothing,
-    and more than MOST_FRAMES or MOST_PIXELS.
+    more than MOST_FRAMES or MOST_PIXELS, and fewer than `frames` asks for.
     """
     _check_stamps([stamp for some in (images, depths) for stamp, _ in some], source)
     check_extent(len(images), len(images) * camera.width * camera.height, source)
@@ -73,19 +82,37 @@ def assemble(
     stamps = np.array([stamp for stamp, _ in images], np.int64)
     slots, period, found = uniform_clock(stamps, source)
     notes = [*notes, *found]
+    if frames is not None:
+        kept = slots < fitted_frames(frames, int(slots[-1]) + 1, source)
+        slots, stamps = slots[kept], stamps[kept]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
-    frames = np.stack([images[i][1] for i in last_of_slot])
-    observed = np.isin(np.arange(len(frames)), slots)
-    stuck = stuck_frames(frames, observed)
-    frames, drift = with_steady_exposure(frames)
+    pictures = np.stack([images[i][1] for i in last_of_slot])
+    observed = np.isin(np.arange(len(pictures)), slots)
+    stuck = stuck_frames(pictures, observed)
+    pictures, drift = with_steady_exposure(pictures)
     notes += [f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off"] if drift else []
-    notes += [f"{stuck.sum()} of {len(frames)} frames show the picture before once more while things move; nothing is fitted to them"] if stuck.any() else []
+    notes += [f"{stuck.sum()} of {len(pictures)} frames show the picture before once more while things move; nothing is fitted to them"] if stuck.any() else []
     observed &= ~stuck
     depth = None
     if len(depths):
         depth, found = _paired(depths, stamps, slots, camera, source, slop_s=period / 2 if slop_s is None else slop_s, period=period)
         notes += found
-    return Clip(frames, int(stamps[0]), period, camera, depth, observed=observed, source=source, notes=tuple(notes))
+    return Clip(pictures, int(stamps[0]), period, camera, depth, observed=observed, source=source, notes=tuple(notes))
+
+
+def fitted_frames(frames: FrameSettings, total: int, source: str) -> int:
+    """How many of a recording's `total` frames are fitted. Raises InputError where it has fewer than are asked for."""
+    if frames.fit and frames.fit + frames.predict > total:
+        raise InputError(
+            f"{source}: has {total} frames, frames.fit {frames.fit} and frames.predict {frames.predict} need {frames.fit + frames.predict}; "
+            "lower one of them, or record a longer clip"
+        )
+    left = frames.fit or total - frames.predict
+    if left < MIN_FRAMES:
+        raise InputError(
+            f"{source}: has {total} frames, of which frames.predict {frames.predict} leaves {max(left, 0)} to the fit, at least {MIN_FRAMES} are needed; lower it"
+        )
+    return left
 
 
 def uniform_clock(stamps: np.ndarray, source: str) -> tuple[np.ndarray, float, list[str]]:

@@ -7,12 +7,20 @@ from dataclasses import replace
 
 from diffphys_ros.bags.assemble import Stamped, assemble
 from diffphys_ros.bags.rig import Received, Rig
-from diffphys_ros.config import Settings
+from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, named
 from diffphys_ros.types import Clip
 
 
-def clip_of(received: Received, settings: Settings, images: Stamped, depths: Stamped = (), masks: Stamped = (), notes: Sequence[str] = ()) -> Clip:
+def clip_of(
+    received: Received,
+    settings: Settings,
+    images: Stamped,
+    depths: Stamped = (),
+    masks: Stamped = (),
+    notes: Sequence[str] = (),
+    frames: FrameSettings | None = None,
+) -> Clip:
     """The clip of colour images, depth [m] and label images as they were sent, decoded; the mask nearest to the first image is used.
 
     Settings used: sync.slop_s and those of Rig. Raises InputError.
@@ -27,6 +35,7 @@ def clip_of(received: Received, settings: Settings, images: Stamped, depths: Sta
         received.source,
         notes=[*notes, *rig.notes],
         slop_s=settings.sync.slop_s,
+        frames=frames,
     )
     first = min(received.stamps)
     mask = min(masks, key=lambda item: abs(item[0] - first))[1] if masks else None

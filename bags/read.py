@@ -16,7 +16,7 @@ from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag
 from diffphys_ros.bags.topics import choose_imu, choose_topics, depth_info, image_topics
 from diffphys_ros.bags.transforms import MOVING, STATIC, Transforms
 from diffphys_ros.bags.video import read_images, read_video
-from diffphys_ros.config import Settings
+from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, listed, named, shown
 from diffphys_ros.types import Clip
 
@@ -26,12 +26,12 @@ MOST_REASON = 300  # characters: an image's own words stand in it
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
-def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None) -> Clip:
+def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None, frames: FrameSettings | None = None) -> Clip:
     """The clip in an .mcap or .db3 file, a rosbag2 folder, a video file or a folder of images.
 
     Settings used: topics.*, camera.fov_deg (where there is no camera_info), camera.fps (image folders; overrides a video's own), sync.*,
     scene.target_frame and what of scene.* speaks of the world. Of a recording the first `start_s` can be left out and no more than
-    `duration_s` taken [s].
+    `duration_s` taken [s]; `frames` says which frames to keep back, of which nothing but the stamps is looked at.
     Raises InputError with one sentence for everything that cannot be read.
     """
     path = existing(path)
@@ -39,12 +39,12 @@ def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, dur
         raise InputError(f"{shown(path)}: a ROS 1 bag, ROS 2 recordings are read; convert it with 'rosbags-convert'")
     if is_bag(path):
         with open_bag(path) as bag:
-            return _read_bag(bag, settings, shown(path), window(bag, start_s, duration_s, shown(path)))
+            return _read_bag(bag, settings, shown(path), window(bag, start_s, duration_s, shown(path)), frames)
     if start_s or duration_s:
         raise InputError(f"{shown(path)}: is no recording, of which alone a part can be read; leave start and duration out")
     if settings.scene.target_frame not in (None, FRAME):
         raise InputError(f"{shown(path)}: scene.target_frame is {named(settings.scene.target_frame)}, but pictures carry no transforms; leave it out, or set it to {FRAME}")
-    return read_images(path, settings) if path.is_dir() else read_video(path, settings)
+    return read_images(path, settings, frames) if path.is_dir() else read_video(path, settings, frames)
 
 
 def window(bag: Bag, start_s: float, duration_s: float | None, source: str) -> tuple[int, int]:
@@ -61,7 +61,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix in BAG_SUFFIXES or (path / METADATA).exists()
 
 
-def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int]) -> Clip:
+def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int], frames: FrameSettings | None) -> Clip:
     image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
     images, frame_id, notes = _read_topic(bag, image_topic, source, "image", span)
     if not images:
@@ -72,7 +72,7 @@ def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int]) 
     stamps = [stamp for stamp, _ in images]
     imu = _imu(bag, settings, (min(stamps) - MARGIN_NS, max(stamps) + MARGIN_NS), source)
     received = Received(source, stamps, colour, depth, _transforms(bag, source), imu)
-    return clip_of(received, settings, images, depths, _masks(bag, settings.topics.mask, source), [*notes, *found])
+    return clip_of(received, settings, images, depths, _masks(bag, settings.topics.mask, source), [*notes, *found], frames)
 
 
 def _channel(bag: Bag, topic: str, info_topic: str | None, images: Stamped, frame_id: str) -> Channel:

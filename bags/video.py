@@ -10,12 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.assemble import Bounded, assemble, check_extent
+from diffphys_ros.bags.assemble import Bounded, Stamped, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
 from diffphys_ros.bags.storage import existing
 from diffphys_ros.bags.world import told_of_world
-from diffphys_ros.config import Settings
+from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, listed, named, shown
 from diffphys_ros.types import Clip
 
@@ -27,17 +27,18 @@ MOST_PICTURE_BYTES = 256 << 20
 JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenCV 4 fills what is cut off with grey
 
 
-def read_video(path: Path, settings: Settings) -> Clip:
+def read_video(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate. Raises InputError."""
     fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
     low, high = FRAME_RATES
     if not low <= fps <= high:
         raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
-    clip = _clip(video_frames(path), fps, settings, shown(path))
+    images = _stamped(video_frames(path), fps, shown(path))
+    clip = _clip(images, settings, shown(path), frames)
     announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
-    if len(clip) >= LEAST_DECODED * announced:
+    if len(images) >= LEAST_DECODED * announced:
         return clip
-    note = f"{len(clip)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged"
+    note = f"{len(images)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged"
     return replace(clip, notes=(*clip.notes, note))
 
 
@@ -83,7 +84,7 @@ def _stated(path: Path, what: int) -> float:
         capture.release()
 
 
-def read_images(path: Path, settings: Settings) -> Clip:
+def read_images(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a folder of .png or .jpg images, in the order of the numbers in their names. Raises InputError."""
     files = image_files(path)
     if not files:
@@ -91,7 +92,7 @@ def read_images(path: Path, settings: Settings) -> Clip:
     if settings.camera.fps is None:
         raise InputError(f"{shown(path)}: images in a folder state no frame rate; set camera.fps")
     check_extent(len(files), 0, shown(path))
-    return _clip(map(read_image, files), settings.camera.fps, settings, shown(path))
+    return _clip(_stamped(map(read_image, files), settings.camera.fps, shown(path)), settings, shown(path), frames)
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -127,14 +128,18 @@ def read_image(path: Path) -> np.ndarray:
     return image
 
 
-def _clip(frames: Iterable[np.ndarray], fps: float, settings: Settings, source: str) -> Clip:
+def _stamped(pictures: Iterable[np.ndarray], fps: float, source: str) -> Stamped:
+    images = Bounded(source)
+    for k, picture in enumerate(pictures):
+        images.add(round(k * 1e9 / fps), picture)
+    return images.taken
+
+
+def _clip(images: Stamped, settings: Settings, source: str, frames: FrameSettings | None) -> Clip:
     fov_deg, told = settings.camera.fov_deg, told_of_world(settings.scene)
     notes = [] if fov_deg else [f"no field of view was given: {ASSUMED_FOV_DEG:g} degrees are assumed (camera.fov_deg)"]
     if told and not settings.scene.target_frame:
         notes.append(f"pictures carry no transforms: {listed(told, 4)} is taken in the camera's own frame, x right, y down, z forward")
-    images = Bounded(source)
-    for k, frame in enumerate(frames):
-        images.add(round(k * 1e9 / fps), frame)
-    height, width = images.taken[0][1].shape[:2]
+    height, width = images[0][1].shape[:2]
     camera = camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height)
-    return assemble(images.taken, [], camera, source, notes=notes)
+    return assemble(images, [], camera, source, notes=notes, frames=frames)

@@ -192,11 +192,14 @@ def _recover(options: argparse.Namespace) -> int:
     from . import result
     from .batch import positive
     from .inverse import Checkpoint, clock_of, run, solve_prepared
+    from .predict import Figures, predicted
 
     is_prepared = str(options.clip).endswith(".npz")
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
     begun = _begun(options, is_prepared=is_prepared)
     settings = config.layered(options.config, options.flags, base=base)
+    if is_prepared:
+        _without_prediction(settings)
     clock = clock_of(settings, side_by_side=positive("side_by_side", options.side_by_side, int) or 1)
     with result.owned(options.out) as out:
         checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
@@ -206,14 +209,26 @@ def _recover(options: argparse.Namespace) -> int:
         else:
             steps = run(_existing(options.clip), settings, checkpoint=checkpoint, clock=clock, **begun)
         prepared, splats, recovery = show(steps)
+        recovery = show(predicted(options.clip, prepared, splats, recovery, settings))
         notes = result.write_all(recovery, prepared.clip, settings, out, splats=splats)
         checkpoint.remove()
     for note in (*recovery.notes, *notes):
         print(f"note: {note}")
     for name in ("psnr_masked", "psnr_masked_frozen_frame"):
         print(f"{name}: {recovery.metrics[name]:.2f} dB")
+    if isinstance(found := recovery.metrics.get("prediction"), dict):
+        print(f"prediction: {Figures(**found).described()}")
     print(f"results in {options.out}")
     return 0
+
+
+def _without_prediction(settings: config.Settings) -> None:
+    """Raises InputError where a prepared clip is to be judged by frames that it has not got."""
+    if settings.frames.predict:
+        raise InputError(
+            f"frames.predict is {settings.frames.predict}, must be 0 for a prepared .npz, which holds the frames of the fit alone; set it to 0 (frames.fit cuts), "
+            "or recover the recording itself"
+        )
 
 
 def _begun(options: argparse.Namespace, *, is_prepared: bool) -> dict[str, Any]:
@@ -247,12 +262,13 @@ def _batch(options: argparse.Namespace) -> int:
 
 def _ingest(options: argparse.Namespace) -> int:
     settings = config.layered(options.config, options.flags)
+    _without_prediction(settings)
     from . import result
     from .bags.read import read_clip
     from .inverse import prepare
 
     result.check_writable(options.out.parent)
-    prepared = show(prepare(read_clip(_existing(options.clip), settings), settings))
+    prepared = show(prepare(read_clip(_existing(options.clip), settings, frames=settings.frames), settings))
     result.save_prepared(options.out, prepared, settings)
     print(f"prepared clip in {options.out}")
     return 0

@@ -57,8 +57,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "batch": GROUND | {"store", "result", "score"},
     "score": GROUND | SHARED | {"store", "folder", "result"},
     "resimulate": GROUND | {"simulate", "modes", "result"},
+    "predict": GROUND | SHARED | STAGES | LEAVES | {"inverse", "resimulate"},
     "nodes": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"inverse"},
-    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"inverse", "capture", "resimulate", "batch"},
+    "__main__": GROUND | SHARED | STAGES | LEAVES | OUTPUT | {"inverse", "capture", "resimulate", "predict", "batch"},
     "__init__": GROUND,
 }
 

@@ -11,6 +11,7 @@ from .. import result, store
 from ..errors import InputError
 
 OF_PARTS = ("identified", "young_pa", "log10_young_sd", "young_log10_error")
+PREDICTED = "prediction_over_rms_motion"  # of frames that were kept back
 OF_CLIP = (
     "force_identified",
     "young_ratio_error",
@@ -21,6 +22,7 @@ OF_CLIP = (
     "trajectory_rmse_over_rms_motion",
     "psnr_masked",
     "psnr_masked_frozen_frame",
+    PREDICTED,
 )
 
 
@@ -45,6 +47,8 @@ def figures_of(folder: Path) -> dict[str, Any]:
     errors = metrics.get("young_log10_error")
     if isinstance(errors, list):  # by the truth's parts, which may be more or fewer
         found["young_log10_error"] = errors
+    if isinstance(prediction := metrics.get("prediction"), dict):
+        metrics[PREDICTED] = prediction.get("over_rms_motion")
     return found | {name: metrics[name] for name in OF_CLIP if metrics.get(name) is not None}
 
 

@@ -10,7 +10,7 @@ from .leaf import leaves
 
 _FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "prior", "particles", "splats", "fit", "metrics", "publish")
 _OF_WORLD = ("scene.gravity_m_s2", "scene.thickness_axis", "scene.clamp_box_m", "scene.floor_z_m")  # who reads them waits for a world
-_RECOVER = (*_FIT, "experiment")
+_RECOVER = (*_FIT, "frames", "experiment")
 READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {  # groups, and single settings of others
         "diffphys recover": _RECOVER,

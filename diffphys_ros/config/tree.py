@@ -57,6 +57,14 @@ class Scene:
 
 
 @dataclass(frozen=True)
+class FrameSettings:
+    """Which frames of a recording are fitted, and which are kept back to be predicted."""
+
+    fit: int = setting(0, "frames that are fitted, from the first on; 0: all but those of frames.predict", low=0, high=5000)
+    predict: int = setting(0, "frames after them that the fit never sees; how well its answer, let free, predicts them stands in metrics.json", low=0, high=5000)
+
+
+@dataclass(frozen=True)
 class CameraSettings:
     """For videos and image folders, which carry no camera_info."""
 
@@ -254,6 +262,7 @@ class Settings:
     prior: PriorSettings = group(PriorSettings, BELIEF)
     particles: ParticleSettings = group(ParticleSettings, SOLVED)
     splats: SplatSettings = group(SplatSettings, SOLVED)
+    frames: FrameSettings = group(FrameSettings, SOLVED)
     fit: Fit = group(Fit, SOLVED)
     metrics: MetricSettings = group(MetricSettings, OUT)
     playback: Playback = group(Playback, OUT)

@@ -38,7 +38,7 @@ def run(
     clock: Clock | None = None,
     guess_scale: float = 1.0,
 ) -> Steps:
-    """Clip, or the path of a recording, in; fields out. Gaussians of frame 0 are fitted where none are given. The search for start
+    """Clip, or the path of a recording, in; fields out. Of a recording the frames of settings.frames are read, a clip is taken whole. Gaussians of frame 0 are fitted where none are given. The search for start
     values begins `guess_scale` times off, which it must forget. Yields news, returns (Prepared, Splats, Recovery)."""
     clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=usable(settings.fit.device))
@@ -46,7 +46,7 @@ def run(
         from ..bags.read import read_clip
 
         yield Progress("reading", text=str(source))
-        source = read_clip(source, settings)
+        source = read_clip(source, settings, frames=settings.frames)
     if checkpoint is not None:
         checkpoint.bind(source, settings, begun=guess_scale)
     prepared = yield from prepare(source, settings, guess_scale=guess_scale)

@@ -28,7 +28,7 @@ def label(clip: Clip, settings: Settings) -> Clip:
 def check_clip(clip: Clip) -> None:
     """Refuses clips that cannot be worked on."""
     if len(clip) < LEAST_FRAMES:
-        raise InputError(f"{clip.source or 'clip'}: has {len(clip)} frame(s), needs at least {LEAST_FRAMES}; record a longer clip")
+        raise InputError(f"{clip.source or 'clip'}: has {len(clip)} frame(s), needs at least {LEAST_FRAMES}; record a longer clip, or leave more to the fit (frames.fit, frames.predict)")
     if clip.labels is not None:
         object_px = int(object_mask(clip.labels[0]).sum())
         if object_px < 50:

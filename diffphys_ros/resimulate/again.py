@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 
 from .. import result
 from ..errors import InputError, short
-from ..types import MpmProblem, Recovery
+from ..types import ModalProblem, MpmProblem, Recovery
 from .eigenmodes import eigenmodes
 from .material_points import material_points
 
@@ -23,6 +24,7 @@ def simulate_again(
     *,
     young_scale: float = 1.0,
     force_scale: float = 1.0,
+    free_frames: int = 0,
     device: str = "cpu",
     report: Report | None = None,
 ) -> np.ndarray:
@@ -30,23 +32,37 @@ def simulate_again(
 
     `recovery` is one or the folder of one. On the kind of device that it was recovered on, the result is its trajectory to the
     bit, else to rounding. `young_scale` and `force_scale` multiply every Young's modulus and every force. The state of frame 0
-    stays as it was recovered, its strain included: under gravity a softer body sags on from there. `device`: cpu or cuda:0;
-    `report` hears the share of frames done. Raises InputError, and SimulationError where the motion leaves the grid.
+    stays as it was recovered, its strain included: under gravity a softer body sags on from there. `free_frames` more frames follow the
+    recovered ones, from the last of which on no force acts. `device`: cpu or cuda:0; `report` hears the share of frames done.
+    Raises InputError, and SimulationError where the motion leaves the grid.
     """
     if not (np.isfinite(young_scale) and young_scale > 0):
         raise InputError(f"young_scale is {young_scale:g}, must be > 0; 1 simulates what was recovered")
     if not np.isfinite(force_scale):
         raise InputError(f"force_scale is {force_scale:g}, must be finite; 1 simulates what was recovered")
+    if free_frames < 0:
+        raise InputError(f"free_frames is {free_frames}, must be at least 0; 0 ends with the recovered frames")
     _check(device)
     if not isinstance(recovery, Recovery):
         recovery = result.load(recovery)
-    problem = recovery.simulation
+    problem = let_free(recovery.simulation, free_frames)
     if isinstance(problem, MpmProblem):
         displacement, own = material_points(recovery, problem, young_scale, force_scale, device=device, report=report), ~problem.ghost
         moved = problem.rest[own] + displacement[:, own]
     else:
         moved = problem.rest + eigenmodes(recovery, problem, young_scale, force_scale)
     return recovery.to_world(moved).astype(np.float32)
+
+
+def let_free(problem: MpmProblem | ModalProblem, frames: int) -> MpmProblem | ModalProblem:
+    """The same problem lasting so many frames longer: what acts from its last frame on was never seen, and is no force."""
+    if not frames:
+        return problem
+    force = np.concatenate([problem.force[:-1], np.zeros((frames + 1, *problem.force.shape[1:]), problem.force.dtype)])
+    if not isinstance(problem, MpmProblem) or problem.field_force is None:
+        return replace(problem, force=force)
+    field = problem.field_force
+    return replace(problem, force=force, field_force=np.concatenate([field, np.zeros((frames, *field.shape[1:]), field.dtype)]))
 
 
 def _check(device: str) -> None:

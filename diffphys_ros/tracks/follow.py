@@ -36,15 +36,9 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     """
     if clip.labels is None:
         raise ValueError("follow needs clip.labels; run segment.label_clip first")
-    images = [normalised(frame) for frame in clip.frames]
     mask = object_mask(clip.labels[0]) & (depth0 > 0)
-    start = seed_points(images[0], mask, spacing_px=settings.experiment.track_spacing_px, most=MOST_TRACKS)
-    matching = Matching(settings.experiment.track_window_px, settings.experiment.track_round_trip_px)
-    pixels, valid = track_pixels(images, start, clip.seen, matching)
-    pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=settings.experiment.track_window_px)
-    points, valid = _lifted(clip, pixels, valid, depth0, settings)
-    valid = without_oddities(points, valid)
-    points, valid = settled(clip, points, valid)
+    start = seed_points(normalised(clip.frames[0]), mask, spacing_px=settings.experiment.track_spacing_px, most=MOST_TRACKS)
+    pixels, points, valid, spread = _followed(clip, start, mask, depth0, settings)
     keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)
     if keep.sum() < LEAST_TRACKS:
         raise InputError(
@@ -57,6 +51,29 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     by_patch = spread[:, keep] * clip.camera.project(points[0])[1] / clip.camera.focal_px
     sd = position_sd(points, valid, by_patch, clip.camera.position, along=clip.depth is not None)
     return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid), sd)
+
+
+def follow_on(clip: Clip, tracks: Tracks, depth0: np.ndarray, settings: Settings) -> Tracks:
+    """The same points, none left out, through a clip that begins with that of `tracks` and goes on. Their places in frame 0 stay. No standard
+    deviations are estimated: nothing is to be fitted to them. Else as `follow`."""
+    assert clip.labels is not None
+    mask = object_mask(clip.labels[0]) & (depth0 > 0)
+    pixels, points, valid, _ = _followed(clip, tracks.pixels[0].astype(np.float32), mask, depth0, settings)
+    points[0] = tracks.points[0]
+    return Tracks(pixels, points, valid, clip.depth is not None, tracks.noise_m)
+
+
+def _followed(clip: Clip, start: np.ndarray, mask: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (T, M, 2), points (T, M, 3) [m], where they hold (T, M), and what their patches say of their spread (T, M) [px], of points
+    `start` (M, 2) [px] of frame 0 on the object `mask` (H, W)."""
+    window_px = settings.experiment.track_window_px
+    matching = Matching(window_px, settings.experiment.track_round_trip_px)
+    pixels, valid = track_pixels([normalised(frame) for frame in clip.frames], start, clip.seen, matching)
+    pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=window_px)
+    points, valid = _lifted(clip, pixels, valid, depth0, settings)
+    valid = without_oddities(points, valid)
+    points, valid = settled(clip, points, valid)
+    return pixels, points, valid, spread
 
 
 def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ import pytest
 
 from diffphys_ros.bags.assemble import MOST_PIXELS, Bounded, assemble
 from diffphys_ros.bags.camera import camera_from_fov
+from diffphys_ros.config import FrameSettings
 from diffphys_ros.errors import InputError
 from diffphys_ros.types import Clip
 
@@ -55,6 +56,19 @@ def test_a_lost_frame_repeats_the_one_before_unobserved_and_is_said() -> None:
     assert shown(result) == [0, 1, 2, 3, 3, 3, 6, 7, 8, 8, 10, 11]
     assert np.flatnonzero(~result.seen).tolist() == [4, 5, 9]
     assert "3 of 12 frames were lost" in result.notes[0]
+
+
+def test_frames_that_are_kept_back_are_cut_off_by_the_clock_and_not_looked_at() -> None:
+    times = stamps(12)
+    kept = [k for k in range(12) if k not in (4, 7)]
+    black = [(times[k], frame(k) if k < 8 else frame(0)) for k in kept]
+    depths = [(times[k], metres(k)) for k in kept]
+    for frames in (FrameSettings(fit=8), FrameSettings(predict=4), FrameSettings(fit=8, predict=3)):
+        result = assemble(black, depths, CAMERA, "test", frames=frames)
+        assert shown(result) == [0, 1, 2, 3, 3, 5, 6]  # the last slot is lost, and ends the clip
+        assert result.depth is not None
+        assert len(result.depth) == len(result) == 7
+        assert result.period_s == pytest.approx(PERIOD)
 
 
 def test_the_order_of_arrival_does_not_matter() -> None:

@@ -175,6 +175,20 @@ def test_without_force_a_body_at_rest_stays_and_half_the_force_moves_it_half_as_
     np.testing.assert_allclose(half - half[0], 0.5 * (recovery.trajectory - recovery.trajectory[0]), atol=0.03 * reach(recovery.trajectory))
 
 
+@pytest.mark.parametrize("name", ["at rest", "with fields", "by modes"])
+def test_free_frames_follow_the_recovered_ones_and_no_force_acts_in_them(folders, name: str) -> None:
+    recovery = result.load(folders(name))
+    count, last = len(recovery.trajectory), recovery.simulation.force.copy()
+    last[-1] = 1e3 * np.abs(last).max()  # acts from the last recovered frame on
+    free, pushed = (simulate_again(r, free_frames=4) for r in (recovery, changed(recovery, force=last)))
+    assert len(free) == count + 4
+    np.testing.assert_allclose(free[:count], recovery.trajectory, atol=1e-6)
+    np.testing.assert_array_equal(pushed, free)
+    steps = np.linalg.norm(np.diff(free, axis=0), axis=-1).max(1)
+    assert (steps[count - 1 :] > 0).all()
+    assert steps[count - 1 :].max() < 2 * steps.max(initial=0, where=np.arange(len(steps)) < count - 1)
+
+
 def test_a_push_that_leaves_the_fits_grid_is_given_room(folders) -> None:
     recovery = result.load(folders("at rest"))
     pushed = simulate_again(recovery, force_scale=20.0)
@@ -197,6 +211,7 @@ def test_progress_is_heard(folders) -> None:
         ({"young_scale": 0.0}, "young_scale is 0, must be > 0; 1 simulates"),
         ({"young_scale": float("nan")}, "young_scale is nan, must be > 0"),
         ({"force_scale": float("inf")}, "force_scale is inf, must be finite"),
+        ({"free_frames": -1}, "free_frames is -1, must be at least 0; 0 ends with"),
         ({"device": "cuda:7"}, "device is 'cuda:7', must be one of cpu, cuda:0"),
     ],
 )
