@@ -110,7 +110,7 @@ class Elements:
         return omega2[order], shapes[:, order]
 
 
-_SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "relax": 40, "options": {"SymmetricMode": True}}
+_SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
 
 
 def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
