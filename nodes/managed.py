@@ -86,7 +86,10 @@ class ManagedNode(LifecycleNode):
         return self._through(self._rest, self.on_deactivated, self._clean)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._through(self._rest, self._clean)
+        why = self._why
+        outcome = self._through(self._rest, self._clean)
+        self._why = why or self._why  # start_itself raises what went wrong first
+        return outcome
 
     def create_subscription(self, *arguments: Any, **options: Any) -> Any:
         """As rclpy's, gone with the state in which it was made."""
@@ -105,6 +108,11 @@ class ManagedNode(LifecycleNode):
         """As rclpy's."""
         self._made = [entry for entry in self._made if entry[2] is not timer]
         return bool(super().destroy_timer(timer))
+
+    def destroy_node(self) -> None:
+        """As rclpy's, which forgets the state machine: it would keep the node, and with it the middleware's shared memory, beyond the process."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
 
     def _noted(self, made: Any, destroy: Callable[[Any], Any]) -> Any:
         self._made.append((self._level, destroy, made))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import quote
@@ -13,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..colours import COMPONENTS, stiffness_colours
+from ..errors import InputError
 from ..types import Camera, Clip, Recovery, Splats
 
 APPLICATION = "diffphys_ros"
@@ -133,9 +135,12 @@ class Stream:
 
 
 class Web:
-    """A viewer for web browsers at `url`, and the server of data that it shows, on the next port: streams go to the viewer `uri`."""
+    """A viewer for web browsers at `url`, and the server of data that it shows, on the next port: streams go to the viewer `uri`. Raises
+    InputError where either port is taken."""
 
     def __init__(self, port: int) -> None:
+        for each in (port, port + 1):
+            _check_free(each)
         self._rec = _recording(None)
         self.uri = self._rec.serve_grpc(grpc_port=port + 1, default_blueprint=blueprint(), server_memory_limit=_WEB_MEMORY)
         rr.serve_web_viewer(web_port=port, open_browser=False, connect_to=self.uri)
@@ -144,6 +149,15 @@ class Web:
     def close(self) -> None:
         """Stop to serve data."""
         self._rec.disconnect()
+
+
+def _check_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("0.0.0.0", port))
+        except OSError as error:
+            raise InputError(f"web_port: port {port} cannot be opened ({error.strerror}); choose a web_port that is free, with the one after it") from error
 
 
 def _recording(recording_id: str | None) -> rr.RecordingStream:

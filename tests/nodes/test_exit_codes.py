@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -25,6 +26,18 @@ def test_a_doubled_signal_ends_a_node_with_status_0(half_sample, tmp_path, busy,
         domain.await_words("fit_node", "segment: object mask" if busy else "waiting for")
         assert domain.end("fit_node", *signals, gap_s=0.05) == 0
         assert "Traceback" not in domain.said("fit_node")
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="this system has no /dev/shm")
+def test_a_node_that_ends_leaves_nothing_in_shared_memory(tmp_path):
+    """33 MB for each end of each node would fill a robot's memory."""
+    with Domain(tmp_path) as domain:
+        node = domain.node("ingest_node")
+        domain.await_words("ingest_node", "waiting for")
+        own = {Path(line.split()[-1]) for line in Path(f"/proc/{node.pid}/maps").read_text().splitlines() if "/dev/shm/fast" in line}  # Fast DDS
+        assert own
+        assert domain.end("ingest_node", INT) == 0
+        assert not [path for path in own if path.exists()]
 
 
 @pytest.mark.parametrize("number", [INT, TERM])

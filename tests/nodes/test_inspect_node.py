@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import socket
 import time
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -103,8 +105,28 @@ def test_a_folder_that_cannot_be_written_is_refused(make_node):
         make_node(InspectNode, file="/proc/nowhere/all.rrd")
 
 
+def two_free_ports() -> int:
+    """The first of two."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("0.0.0.0", 0))
+            port = first.getsockname()[1]
+            with suppress(OSError, OverflowError):
+                second.bind(("0.0.0.0", port + 1))
+                return port
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["of the viewer", "of its data"])
+def test_a_port_that_is_taken_is_refused_by_its_number(make_node, which):
+    with socket.socket() as other:
+        other.bind(("0.0.0.0", port := two_free_ports() + which))
+        other.listen()
+        with pytest.raises(InputError, match=f"web_port: port {port} cannot be opened .*choose a web_port that is free"):
+            make_node(InspectNode, viewer="web", web_port=port - which)
+
+
 def test_a_web_browser_is_served_a_viewer(teller, made_clip):
-    t = teller(viewer="web", web_port=29090)
+    t = teller(viewer="web", web_port=two_free_ports())
     t.tell_clip(made_clip)
     with urllib.request.urlopen(t.node.web.url, timeout=20) as page:
         assert b"Rerun SDK-bundled web viewer" in page.read()

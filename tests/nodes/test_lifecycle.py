@@ -129,6 +129,15 @@ def test_by_itself_a_node_is_active_when_it_is_made(make_node):
     assert inputs(node)
 
 
+def test_by_itself_a_node_that_meets_a_fault_of_the_program_ends_with_that_fault(make_node, monkeypatch):
+    def broken(node: object) -> None:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(IngestNode, "configure", broken)
+    with pytest.raises(RuntimeError, match="a bug"):
+        make_node(IngestNode)
+
+
 def test_a_transition_is_quick(manage):
     m = manage(FitNode)
     for step in ("configure", "activate", "deactivate", "cleanup"):
