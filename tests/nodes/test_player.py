@@ -77,6 +77,7 @@ class Hearer:
         self.passes.clear()
         player = Player(self.node, path, part, ended=self.passes.append, **options)
         self.until(lambda: all(player.outputs[topic].get_subscription_count() for topic in waited))
+        self.began = time.monotonic()
         player.start()
         return player
 
@@ -114,7 +115,7 @@ def test_topics_bytes_and_pace_are_those_of_the_recording(hearer, made_clip, tmp
     late_s = (np.array(played) - made_clip.start_ns) * 1e-9 - made_clip.times
     assert (late_s > -1e-6).all()
     assert late_s.min() < 0.1  # a busy machine makes some late, not all
-    assert hearer.heard[COLOUR][-1][0] - hearer.heard[COLOUR][0][0] > 0.4 * made_clip.times[-1]
+    assert hearer.heard[COLOUR][-1][0] - hearer.began > 0.49 * made_clip.times[-1]  # a busy machine hears some late, none early
     assert hearer.passes == [False]
 
 
