@@ -11,7 +11,6 @@ from ..start.values import GUESS_SD, WIDEST_SD, explained_badly
 from ..types import MaterialDoubt
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
 from .prepared import Prepared
-from .prior import LEAST_SD
 from .unknowns import Layout
 
 GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
@@ -29,7 +28,7 @@ class Confidence:
 
     def log10_specific_sd(self, material: MaterialDoubt) -> np.ndarray:
         """Standard deviation of log10(E / density), (n,): that of log10 E with what the materials do to the ratio in the place of what they do to E."""
-        return np.sqrt(np.maximum(self.log10_young_sd**2 - material.of_young**2, LEAST_SD**2) + material.of_specific**2)
+        return np.hypot(material.taken_from(self.log10_young_sd), material.of_specific)
 
 
 @dataclass(frozen=True)

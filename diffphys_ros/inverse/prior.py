@@ -11,8 +11,6 @@ from ..start.force import AXIAL_SHARE
 from ..types import StartValues
 from .unknowns import Layout
 
-LEAST_SD = 0.005  # of log10 E: no start value is surer, whatever its material
-
 
 @dataclass(frozen=True)
 class Prior:
@@ -41,7 +39,7 @@ class Prior:
         log E where more is known than the standard deviations."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        of_these = np.sqrt(np.maximum(start.log10_young_sd**2 - start.material.of_young**2, LEAST_SD**2))  # densities and Poisson's ratios, which are held or have priors of their own
+        of_these = start.material.taken_from(start.log10_young_sd)  # densities and Poisson's ratios, which are held or have priors of their own
         sd = np.hypot(of_these, cls.MISSED * np.sqrt(start.track_cost))
         known = np.diag((np.log(10) * sd) ** -2.0) if precision is None else precision
         hessian[:n, :n] = cls.LOG_YOUNG * known

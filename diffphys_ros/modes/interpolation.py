@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 CANDIDATES = 32  # nearest elements that are searched for the one that holds a point
-GAUSS = (0.5854101966249685, 0.1381966011250105)  # barycentric coordinates of the 4-point rule, exact for quadratics
+GAUSS = np.full((4, 4), 0.1381966011250105) + 0.4472135954999580 * np.eye(4)  # barycentric coordinates of the 4-point rule, exact for quadratics
 
 
 @dataclass(frozen=True)
@@ -69,17 +69,27 @@ def evaluate(nodes: np.ndarray, tets: np.ndarray, field: np.ndarray, points: np.
     Outside the mesh the field continues linearly from the nearest element.
     """
     where = locate(nodes, tets, points)
-    gradients = barycentric_gradients(nodes[tets[where.element, :4]])
-    flat = field.reshape(len(field), -1)[tets[where.element]]
-    slope = np.einsum("mni,mnf->mif", shape_gradients(where.barycentric, gradients), flat)
-    value = np.einsum("mn,mnf->mf", shape_functions(where.barycentric), flat) + np.einsum("mi,mif->mf", where.offset, slope)
-    return value.reshape(-1, *field.shape[1:]), slope.reshape(-1, 3, *field.shape[1:])
+    value, slope = _inside(nodes, tets[where.element], where.barycentric, field)
+    return value + np.einsum("mi,mi...->m...", where.offset, slope), slope
 
 
 def quadrature(nodes: np.ndarray, tets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (4E, 3) [m], volumes (4E,) [m^3] and shape functions (4E, 10) of the 4-point rule on every element."""
-    barycentric = np.full((4, 4), GAUSS[1]) + (GAUSS[0] - GAUSS[1]) * np.eye(4)
     corners = nodes[tets[:, :4]]
     volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
-    points = np.einsum("ga,eai->egi", barycentric, corners).reshape(-1, 3)
-    return points, np.repeat(volume / 4, 4), np.tile(shape_functions(barycentric), (len(tets), 1))
+    points = np.einsum("ga,eai->egi", GAUSS, corners).reshape(-1, 3)
+    return points, np.repeat(volume / 4, 4), np.tile(shape_functions(GAUSS), (len(tets), 1))
+
+
+def at_quadrature(nodes: np.ndarray, tets: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What `evaluate` gives at the points of `quadrature`, without a search for their elements."""
+    return _inside(nodes, np.repeat(tets, 4, 0), np.tile(GAUSS, (len(tets), 1)), field)
+
+
+def _inside(nodes: np.ndarray, tets: np.ndarray, barycentric: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (M, ...) and gradients (M, 3, ...) of a nodal field in elements (M, 10) at barycentric coordinates (M, 4)."""
+    gradients = shape_gradients(barycentric, barycentric_gradients(nodes[tets[:, :4]]))
+    flat = field.reshape(len(field), -1)[tets]
+    value = np.einsum("mn,mnf->mf", shape_functions(barycentric), flat)
+    slope = np.einsum("mni,mnf->mif", gradients, flat)
+    return value.reshape(-1, *field.shape[1:]), slope.reshape(-1, 3, *field.shape[1:])

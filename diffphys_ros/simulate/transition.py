@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import torch
@@ -26,6 +26,18 @@ FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
 Push = Callable[[State, int], Tensor]
+
+
+class Options(TypedDict, total=False):
+    """What a rollout may be given beside what moves the body at the least."""
+
+    density: Tensor | None  # [kg/m^3]; that of the particles where left out
+    friction: Tensor | None  # (planes,), in the place of that of the planes
+    handle_poses: Tensor | None  # the handle's poses body_from_handle at the frames, (T, 4, 4) or (B, T, 4, 4)
+    after_frame: AfterFrame | None  # maps the state at each new frame (stiffness damping)
+    cut_every: int | None  # gradients do not pass frames cut_every, 2 cut_every, ..: they see at most so many frames back
+    push: Push | None  # push(state, k) is a force on top of force[k], asked for once, with the state at frame k
+    report: Callable[[float], None] | None  # hears the share of frames done
 
 
 class _Frame(torch.autograd.Function):
@@ -175,69 +187,28 @@ class Simulator:
         return self._step(state, material, force, self._drag(mass_damping), self._borders(friction, handle_path), number)
 
     def rollout(
-        self,
-        state: State,
-        young: Tensor,
-        poisson: Tensor,
-        force: Tensor,
-        mass_damping: Tensor | float,
-        *,
-        density: Tensor | None = None,
-        friction: Tensor | None = None,
-        handle_poses: Tensor | None = None,
-        after_frame: AfterFrame | None = None,
-        cut_every: int | None = None,
-        push: Push | None = None,
-        report: Callable[[float], None] | None = None,
+        self, state: State, young: Tensor, poisson: Tensor, force: Tensor, mass_damping: Tensor | float, **options: Unpack[Options]
     ) -> State:
         """States at all T frames, as one State of shape (T, P, 24), in a batch (T, B, P, 24); the first is `state`.
 
-        `force` has shape (T - 1, P, 3), in a batch also (T - 1, B, P, 3): force[k] acts between frames k and k + 1.
-        `handle_poses` (T, 4, 4) or (B, T, 4, 4) are the handle's poses body_from_handle at the frames; `after_frame` maps
-        the state at each new frame (stiffness damping); gradients do not pass frames cut_every, 2 cut_every, ..: they see
-        at most so many frames back; `push(state, k)` is a force on top of force[k], asked for once, with the state at frame k;
-        `report` hears the share of frames done. Else as in `frame`.
+        `force` has shape (T - 1, P, 3), in a batch also (T - 1, B, P, 3): force[k] acts between frames k and k + 1; for
+        `options` see Options. Else as in `frame`.
         """
-        states = self.march(
-            state,
-            young,
-            poisson,
-            force,
-            mass_damping,
-            density=density,
-            friction=friction,
-            handle_poses=handle_poses,
-            after_frame=after_frame,
-            cut_every=cut_every,
-            push=push,
-            report=report,
-        )
-        return State(torch.stack([s.data for s in states]))
+        return State(torch.stack([s.data for s in self.march(state, young, poisson, force, mass_damping, **options)]))
 
     def march(
-        self,
-        state: State,
-        young: Tensor,
-        poisson: Tensor,
-        force: Tensor,
-        mass_damping: Tensor | float,
-        *,
-        density: Tensor | None = None,
-        friction: Tensor | None = None,
-        handle_poses: Tensor | None = None,
-        after_frame: AfterFrame | None = None,
-        cut_every: int | None = None,
-        push: Push | None = None,
-        report: Callable[[float], None] | None = None,
+        self, state: State, young: Tensor, poisson: Tensor, force: Tensor, mass_damping: Tensor | float, **options: Unpack[Options]
     ) -> Iterator[State]:
         """The states of `rollout` one by one, for who needs little of each."""
-        material, drag = self._material(young, poisson, density), self._drag(mass_damping)
-        paths = self._paths(handle_poses, len(force))
+        material, drag = self._material(young, poisson, options.get("density")), self._drag(mass_damping)
+        paths = self._paths(options.get("handle_poses"), len(force))
+        cut_every, push = options.get("cut_every"), options.get("push")
+        after_frame, report = options.get("after_frame"), options.get("report")
         yield state
         for k, density_of_force in enumerate(force):
             before = state.detach() if cut_every and k and k % cut_every == 0 else state
             acting = density_of_force + push(before, k) if push else density_of_force
-            after = self._step(before, material, acting, drag, self._borders(friction, paths[k]), k)
+            after = self._step(before, material, acting, drag, self._borders(options.get("friction"), paths[k]), k)
             state = after_frame(after) if after_frame else after
             yield state
             if report:

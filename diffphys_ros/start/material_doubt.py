@@ -12,7 +12,7 @@ import numpy as np
 
 from ..config import Scene
 from ..differences import differences
-from ..modes.interpolation import evaluate, quadrature
+from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
 from .free_tail import Physics, Tail
 from .uncertainty import Bend
@@ -25,6 +25,8 @@ POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, ru
 def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float) -> MaterialDoubt:
     """Of the parts of a body; `contrast` is the standard deviation of ln(density) of a part where none was given, and the mass of all stays as it
     is. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
+    if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
+        return MaterialDoubt.none(body.parts)
     told = np.full(body.parts, 0.0 if scene.density_kg_m3 is not None else contrast)
     changes = told[:, None] * _of_equal_mass(body)
     poisson_sd = np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
@@ -43,10 +45,10 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of ln(omega^2) of the modes that the tail is fitted with by ln(density) and by Poisson's ratio of each part, (k, n) each."""
     modal = tail.modal
-    points, volume, _ = quadrature(modal.nodes, modal.tets)
+    _, volume, _ = quadrature(modal.nodes, modal.tets)
     part = np.repeat(modal.part, 4) - 1
     squares, shapes = (each[..., : tail.most_modes] for each in modal.eigen(physics.young))
-    value, slope = evaluate(modal.nodes, modal.tets, modal.basis @ shapes, points)
+    value, slope = at_quadrature(modal.nodes, modal.tets, modal.basis @ shapes)
     strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))
     nu = body.poisson[part][:, None]
     lam, mu = (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2, -0.5 / (1 + nu) ** 2  # derivatives of Lame's constants over E

@@ -9,6 +9,8 @@ import numpy as np
 from ..damping import Damping
 from ..footprints import Footprint
 
+LEAST_SD = 0.005  # of log10 E: no start value is surer, whatever its material
+
 
 @dataclass(frozen=True)
 class MaterialDoubt:
@@ -23,6 +25,10 @@ class MaterialDoubt:
     def none(cls, parts: int) -> MaterialDoubt:
         """Everything was told."""
         return cls(*np.zeros((4, parts)))
+
+    def taken_from(self, log10_young_sd: np.ndarray) -> np.ndarray:
+        """What a standard deviation of log10 E (n,) would be if everything had been told."""
+        return np.sqrt(np.maximum(log10_young_sd**2 - self.of_young**2, LEAST_SD**2))
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,13 @@ def test_quadrature_sums_to_the_volume():
     assert volume.sum() == pytest.approx(body.volume_m3, rel=1e-3)
 
 
+def test_at_quadrature_points_fields_have_the_values_that_a_search_finds_there(modal):
+    field = np.random.default_rng(0).normal(size=(len(modal.nodes), 3, 2))
+    points = interpolation.quadrature(modal.nodes, modal.tets)[0]
+    found, expected = interpolation.at_quadrature(modal.nodes, modal.tets, field), interpolation.evaluate(modal.nodes, modal.tets, field, points)
+    assert all(mine == pytest.approx(theirs, rel=1e-9, abs=1e-6) for mine, theirs in zip(found, expected, strict=True))
+
+
 def test_the_basis_is_mass_orthonormal(modal):
     points, volume, _ = interpolation.quadrature(modal.nodes, modal.tets)
     value = modal.evaluate(points)[0][..., :3]
