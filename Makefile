@@ -47,13 +47,13 @@ kills: setup
 	@$(PY) scripts/kills.py $(if $(ONLY),--nodes $(ONLY))
 
 test: setup
-	OMP_NUM_THREADS=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 faults: setup
-	OMP_NUM_THREADS=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 check: lint
-	OMP_NUM_THREADS=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -q -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 mutants: setup
 	$(PY) scripts/mutants.py --jobs $(JOBS) $(if $(TABLE),--table $(TABLE)) $(ONLY)

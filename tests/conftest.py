@@ -20,6 +20,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a hundred processes of the te
 
 TESTS = Path(__file__).parent
 SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, whole captures and processes: left out of `make check`
+LONGEST_NAME = 200  # letters of a parameter
 SLOW_TIMEOUT_S = 600.0  # their waits end well before
 
 
@@ -33,6 +34,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         from tests.shared_out import rank
 
         items.sort(key=lambda item: rank(item.nodeid, item.get_closest_marker("slow") is not None))
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Of a hostile text of many thousand letters, how it begins and its length: a name of that size fills a whole log."""
+    return f"{val[:20]}..{len(val)}" if isinstance(val, str) and len(val) > LONGEST_NAME else None
 
 
 def pytest_collection_finish() -> None:

@@ -17,7 +17,7 @@ from diffphys_ros.errors import InputError
 from tests.quick_batch import QUICK_FLAGS, QUICK_WORDS, broken, child_of, wait_for
 
 ray = pytest.importorskip("ray", reason="Ray is not installed; pip install ray")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.faults]
 
 
 @pytest.fixture(scope="module")

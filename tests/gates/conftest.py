@@ -26,7 +26,8 @@ from .clips import in_fading_light
 COARSE = ("--particles.cells", "3", "--experiment.per_cell", "1.5", "--splats.refine_frames", "0")
 ROUGH = ("--experiment.splat_iterations", "10", "--splats.max_count", "400")  # pictures that tell the motion; no gate asks how sharp they are
 SHORT = ("--particles.cells", "2", "--experiment.per_cell", "2", "--splats.refine_frames", "0", "--fit.iterations", "8", *ROUGH)
-QUICK = {"strip": SHORT, "fading": SHORT, "flat": SHORT}  # where it is not COARSE
+BAR = (*COARSE, "--experiment.splat_iterations", "40", "--splats.max_count", "1500")  # its peak force goes by the pictures
+QUICK = {"bar": BAR, "strip": SHORT, "fading": SHORT, "flat": SHORT}
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str]
         key = (kind, *flags)
         if key not in answers:
             out = tmp_path_factory.mktemp("_".join(key).replace("-", "").replace("/", "")[:60])
-            words = QUICK.get(kind, COARSE)
+            words = QUICK[kind]
             quick = [word for pair in zip(words[::2], words[1::2], strict=True) if pair[0] not in flags for word in pair]
             if flags:
                 solved(ingested(kind), out, *quick, *flags)
