@@ -47,7 +47,7 @@ FILES = (RECOVERY, METRICS, RECORDING, RECORDING_OUTLINE, RERUN, FIGURE)
 CHECKPOINT = "checkpoint.npz"  # beside them while a fit runs, and after one that was interrupted
 MOST_METRICS_BYTES = 2**26  # of metrics.json
 
-_FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "poisson_sd", "density_sd", "log10_specific_sd", "force", "trajectory", "clamped")
+_FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "poisson_sd", "density_sd", "young_lower", "log10_specific_sd", "force", "trajectory", "clamped")
 _FRAME = ("initial_velocity", "world_from_body", "gravity")
 _SCALARS = ("apparent_stiffness", "period_s", "substeps")
 
@@ -66,7 +66,7 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
     part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
-    poisson_sd and density_sd (0 where they were told), log10_specific_sd (of log10(young / density)), clamped (N,),
+    poisson_sd and density_sd (0 where they were told), young_lower (the least modulus, where that is all that is known), log10_specific_sd (of log10(young / density)), clamped (N,),
     force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered,
     initial_velocity (N, 3), identified (n,), reasons (n,), force_identified, force_reason, period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
     dotted settings).

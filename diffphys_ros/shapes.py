@@ -30,7 +30,7 @@ DAMPING = {"mass_damping": "real", "stiffness_damping": "real"}
 START = {
     "young": "positive n", "log10_young_sd": "gap n", "forced": "truth T",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
-    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "detuning": "?amount",
+    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "young_lower": "gap n", "detuning": "?amount",
 }  # fmt: skip
 MODAL = {
     "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "geometric": "real r r",
@@ -40,7 +40,7 @@ PRIOR = {"index": "whole H W", "young": "positive K", "log10_young_sd": "amount 
 ZONED = {"part": "whole n", "log_young_precision": "real n n"}
 RECOVERY = {
     "points": "real N 3", "volume": "positive N", "part": "whole N", "young": "gap N", "log10_young_sd": "gap N", "poisson": "real N", "density": "positive N",
-    "poisson_sd": "amount N", "density_sd": "amount N", "log10_specific_sd": "gap N",
+    "poisson_sd": "amount N", "density_sd": "amount N", "young_lower": "gap N", "log10_specific_sd": "gap N",
     "force": "real T N 3", "trajectory": "real T N 3", "clamped": "truth N", "frames": "?pixel T H W 3", "world_from_body": "real 4 4", "gravity": "real 3",
     "apparent_stiffness": "positive", "period_s": "positive", "substeps": "whole",
     "initial_velocity": "real N 3", "identified": "truth n",

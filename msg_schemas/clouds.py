@@ -30,7 +30,7 @@ MEANING = {
     "x": "place: at rest, in ~/force_field and ~/state in that frame",
     "young_modulus": "NaN where the part is not identified",
     "log10_young_sd": "one standard deviation of log10 of the modulus",
-    "young_lower": "the least modulus, where that is all that is known; NaN elsewhere, which is everywhere as yet",
+    "young_lower": "the least modulus with 95 %, where that is all that is known; NaN elsewhere",
     "volume": "of the particle, or of the cluster that it stands for",
     "part": "1 at the clamp",
     "identified": "1 where the stiffness of the part is identified, else 0",

@@ -65,7 +65,7 @@ class Answer:
             **_xyz(r.points[ids]),
             "young_modulus": self._young(ids),
             "log10_young_sd": r.log10_young_sd[ids],
-            "young_lower": np.nan,
+            "young_lower": r.young_lower[ids],
             "poisson_ratio": r.poisson[ids],
             "density": r.density[ids],
             "volume": self.thinned.volume,

@@ -118,6 +118,7 @@ def make_recovery(made_clip: Clip) -> Recovery:
         density=np.full(count, 500.0),
         poisson_sd=np.full(count, 0.1),
         density_sd=np.zeros(count),
+        young_lower=np.where(part == 1, np.nan, 1e4),
         log10_specific_sd=np.where(part == 1, 0.02, 0.03),
         force=force,
         trajectory=(points + motion).astype(np.float32),

@@ -44,6 +44,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
         has_free_tail=True,
         modes_hold=True,
         geometry_sd=np.array([0.01, 0.01]),
+        young_lower=np.array([np.nan, 1e4]),
         material=MaterialDoubt.none(2),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)

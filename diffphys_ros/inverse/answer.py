@@ -154,6 +154,7 @@ def assemble(
         density=core.density[own],
         poisson_sd=start.material.poisson_sd[part],
         density_sd=core.density[own] * start.material.density_log_sd[part],
+        young_lower=confidence.young_lower[part],
         log10_specific_sd=confidence.log10_specific_sd(start.material)[part],
         force=force.astype(np.float32),
         trajectory=trajectory.astype(np.float32),

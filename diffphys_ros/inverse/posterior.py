@@ -23,6 +23,7 @@ class Confidence:
     log10_young_sd: np.ndarray  # (n,)
     identified: np.ndarray  # bool, (n,)
     reasons: tuple[str, ...]  # one sentence per part
+    young_lower: np.ndarray  # [Pa], (n,); NaN where the modulus itself or nothing is known
     force_identified: bool = False
     force_reason: str = ""  # one sentence
 
@@ -53,7 +54,8 @@ def _doubted(confidence: Confidence, prepared: Prepared) -> Confidence:
     if doubt is None:
         return confidence
     n = len(confidence.identified)
-    return replace(confidence, log10_young_sd=np.maximum(confidence.log10_young_sd, GUESS_SD), identified=np.zeros(n, bool), reasons=(f"{doubt.text}.",) * n)
+    sd = np.maximum(confidence.log10_young_sd, GUESS_SD)
+    return replace(confidence, log10_young_sd=sd, identified=np.zeros(n, bool), reasons=(f"{doubt.text}.",) * n, young_lower=np.full(n, np.nan))
 
 
 def of_force(prepared: Prepared, of_young: Confidence, explained: Explained) -> tuple[bool, str]:
@@ -73,23 +75,23 @@ def of_force(prepared: Prepared, of_young: Confidence, explained: Explained) -> 
 def of_start(prepared: Prepared) -> Confidence:
     """Of the start values."""
     start = prepared.start
-    return Confidence(start.log10_young_sd, start.identified, start.reasons)
+    return Confidence(start.log10_young_sd, start.identified, start.reasons, start.young_lower)
 
 
 def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> Confidence:
     """Of the simulated answer: that of the start values, and the grid's scatter, where their modes hold; else from the simulation."""
     start = prepared.start
     if "young" in layout.held:
-        return Confidence(start.log10_young_sd, start.identified, start.reasons)
+        return of_start(prepared)
     if start.has_free_tail and start.modes_hold:
-        return Confidence(np.hypot(start.log10_young_sd, GRID_SCATTER), start.identified, start.reasons)
+        return replace(of_start(prepared), log10_young_sd=np.hypot(start.log10_young_sd, GRID_SCATTER))
     sd = np.sqrt(_fit_sd(prepared, layout, explained) ** 2 + start.geometry_sd**2 + GRID_SCATTER**2)
     fault = _fault(prepared, layout, explained)
     if fault:
-        return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd))
+        return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd), start.young_lower)
     found = f"simulated within {1e3 * explained.rms_m:.2f} mm of {1e3 * explained.size_m:.2f} mm, where linear modes miss {100 * start.track_cost**0.5:.0f} % of the motion"
     reasons = tuple(f"{found}." if s <= WIDEST_SD else f"log10 E is known to +-{s:.2f} only; {found}." for s in sd)
-    return Confidence(sd, sd <= WIDEST_SD, reasons)
+    return Confidence(sd, sd <= WIDEST_SD, reasons, start.young_lower)
 
 
 def _fault(prepared: Prepared, layout: Layout, explained: Explained) -> str:

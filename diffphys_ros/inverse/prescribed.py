@@ -39,7 +39,7 @@ def prescribed(prepared: Prepared, settings: Settings) -> Prepared:
         young = 10 ** _per_part(told, np.log10(told["young"]), body.parts, "young")
         reasons = ("told by fit.prescribe.",) * body.parts
         sd, exact = np.full(body.parts, TOLD_SD), MaterialDoubt.none(body.parts)  # whatever the densities are
-        start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=np.ones(body.parts, bool), reasons=reasons)
+        start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=np.ones(body.parts, bool), reasons=reasons, young_lower=np.full(body.parts, np.nan))
     if "damping" in held:
         start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:

@@ -24,10 +24,15 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     model error in every mode's frequency, priors), and that of outline and densities; OPEN_SD where a tail
     that the modes do not explain leaves more open than that."""
     parts = len(physics.young)
-    excess = max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
+    excess = excess_of(tail, physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
     fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
+
+
+def excess_of(tail: Tail, physics: Physics) -> float:
+    """Misfit of the tail over what a frame may miss; at least 1."""
+    return max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
 
 
 @dataclass(frozen=True)

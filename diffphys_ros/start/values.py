@@ -16,6 +16,7 @@ from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Sup
 from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
+from .lower_bound import lower_bounds
 from .material_doubt import DENSITY_CONTRAST, material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
@@ -58,7 +59,8 @@ def start_values(
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
     fit = run(stages, Fit.begun(evidence, elements, support))
     modal = fit.modal.retuned(fit.physics.young, fit.physics.detune).rotated(fit.physics.young)
-    return values_of(replace(fit, modal=modal)), modal
+    fit = replace(fit, modal=modal)
+    return bounded(values_of(fit), fit), modal
 
 
 def joint_wanted(start: StartValues, settings: Settings) -> bool:
@@ -133,9 +135,19 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
         has_free_tail=free,
         modes_hold=holds,
         geometry_sd=geometry_sd,
+        young_lower=np.full(len(sd), np.nan),
         material=doubt,
         detuning=detuning,
     )
+
+
+def bounded(values: StartValues, fit: Fit) -> StartValues:
+    """With the least moduli of parts whose own are not known though the modes explain the free motion."""
+    explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING * FREQUENCY_SD
+    wanted = ~values.identified & explained
+    lower = lower_bounds(fit.tail, fit.physics, values.geometry_sd, wanted)
+    reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
+    return replace(values, young_lower=lower, reasons=tuple(reasons))
 
 
 def sd_of_guess(evidence: Evidence) -> np.ndarray:

@@ -25,6 +25,7 @@ class Recovery:
     density: np.ndarray  # [kg/m^3], shape (N,)
     poisson_sd: np.ndarray  # shape (N,); 0 where it was told
     density_sd: np.ndarray  # [kg/m^3], shape (N,); 0 where it was told
+    young_lower: np.ndarray  # least modulus of a part that hardly strains, with 95 % [Pa], shape (N,); NaN where E is identified or no bound is known
     log10_specific_sd: np.ndarray  # of log10(young / density), shape (N,)
     force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)

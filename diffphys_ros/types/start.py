@@ -52,5 +52,6 @@ class StartValues:
     has_free_tail: bool  # false: young is a guess, the joint schedule must find it
     modes_hold: bool  # whether linear modes explain the free motion; false: only a simulation can tell the stiffness
     geometry_sd: np.ndarray  # of log10 E by outline and what is not told of the materials alone, shape (n,)
+    young_lower: np.ndarray  # least modulus of parts that hardly strain, with 95 % [Pa], shape (n,); NaN elsewhere and where none is known
     material: MaterialDoubt
     detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

@@ -96,7 +96,8 @@ def test_the_material_field_says_what_is_known_of_every_particle(made_recovery, 
     np.testing.assert_allclose(cloud["intensity"], np.log10(made_recovery.young), rtol=1e-6)
     assert (cloud["part"] == made_recovery.part).all()
     assert (cloud["identified"] == (made_recovery.part == 1)).all()
-    assert np.isnan(cloud["young_lower"]).all()
+    assert np.isnan(cloud["young_lower"][made_recovery.part == 1]).all()
+    assert (cloud["young_lower"][made_recovery.part == 2] == 1e4).all()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,44 @@
+"""The least modulus of a part that hardly strains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diffphys_ros.start import start_values
+from diffphys_ros.start.lower_bound import softest
+from diffphys_ros.types import StartValues
+from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
+
+
+def found(*young: float) -> StartValues:
+    """Of a bar with moduli [Pa] from the clamp outwards."""
+    truth = modes_of(bar(edges=EDGES), np.array(young), finer=0.85, count=12)
+    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True))[0]
+
+
+EDGES = (0.24,)  # the outer part is a fifth of the bar: its tip, which bends hardly at all
+
+
+@pytest.mark.parametrize(("ratio", "least"), [(0.7, 0.1), (3.0, 0.1), (30.0, 0.0)])
+def test_a_tip_that_hardly_bends_is_at_least_as_stiff_as_said_and_not_ten_times_stiffer_unless_it_is_as_good_as_rigid(ratio: float, least: float) -> None:
+    start = found(YOUNG[0], ratio * YOUNG[0])
+    assert start.identified.tolist() == [True, False]
+    assert np.isnan(start.young_lower[0])
+    assert least < start.young_lower[1] / (ratio * YOUNG[0]) < 1
+    assert f"hardly strains in the free motion; E is at least {start.young_lower[1]:.2g} Pa." in start.reasons[1]
+
+
+def test_the_bound_is_where_the_misfit_has_risen_by_what_is_allowed() -> None:
+    stiffer_is_alike = lambda change: 50.0 * min(change, 0.0) ** 2  # noqa: E731
+    assert softest(stiffer_is_alike, 2.0) == pytest.approx(0.2, rel=0.15)
+    assert softest(stiffer_is_alike, 18.0) == pytest.approx(0.6, rel=0.15)
+    assert softest(stiffer_is_alike, 2.0) >= 0.2
+
+
+def test_the_rise_counts_from_the_best_misfit_though_that_lies_at_a_stiffer_modulus() -> None:
+    assert softest(lambda change: 50.0 * (change - 0.75) ** 2, 40.0) == pytest.approx(np.sqrt(0.8) - 0.75, rel=0.2)
+
+
+def test_where_nothing_stands_against_a_soft_part_it_has_no_bound() -> None:
+    assert np.isnan(softest(lambda _: 3.0, 2.7))
