@@ -1,6 +1,7 @@
 """The least Young's modulus of a part that hardly strains: were it softer, the free motion would show it.
 
-Profile likelihood: the part's modulus is held at one value after another, and all else is fitted to the tail anew. Softer than the bound, the
+Profile likelihood: the part's modulus is held at one value after another, and all else is fitted to the tail anew, frequencies among it within what
+outline, densities and Poisson's ratios leave open. Softer than the bound, the
 misfit is larger than the best one by more than model errors of the size seen explain.
 """
 
@@ -12,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..differences import differences
-from .free_tail import RATIO_SD, Physics, Tail, physical
+from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail, physical
 from .uncertainty import excess_of
 
 SURE = 1.645  # standard deviations: one-sided, 95 %
@@ -22,16 +23,18 @@ HALVINGS = 3  # of the last step
 MOST_EVALUATIONS = 30  # of a search from the neighbouring value's end
 
 
-def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, doubt: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Young's moduli (n,) [Pa] that the parts `wanted` (n,) reach with 95 %; NaN for the others, and where the tail tells none.
-    `geometry_sd` (n,) is the standard deviation of log10 E that outline and untold materials leave."""
+
+    `geometry_sd` (n,) is the standard deviation of log10 E that outline and untold materials leave, `doubt` (k, m) what each untold thing changes
+    of the log frequencies of the modes: with other densities than assumed, a softer part may explain the motion as well.
+    """
     fitted = np.log10(physics.young)
     found = np.full(len(fitted), np.nan)
-    if not wanted.any():
-        return found
+    prior = _whitener(doubt, len(physics.detune))
     most = (SURE * excess_of(tail, physics)) ** 2
     for part in np.flatnonzero(wanted):
-        distance = softest(_profile(tail, physics, int(part)), most)
+        distance = softest(_profile(tail, physics, int(part), prior), most)
         found[part] = 10 ** (fitted[part] - np.hypot(distance, SURE * geometry_sd[part]))
     return found
 
@@ -56,7 +59,14 @@ def softest(misfit: Callable[[float], float], most: float) -> float:
     return excluded
 
 
-def _profile(tail: Tail, physics: Physics, part: int) -> Callable[[float], float]:
+def _whitener(doubt: np.ndarray, modes: int) -> np.ndarray:
+    """Turns detuning in units of FREQUENCY_SD into residuals of unit variance, (modes, modes)."""
+    spread = np.zeros((modes, doubt.shape[1]))
+    spread[: len(doubt)] = doubt[:modes] / FREQUENCY_SD
+    return np.linalg.inv(np.linalg.cholesky(np.eye(modes) + spread @ spread.T))
+
+
+def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Callable[[float], float]:
     """Least chi-square of the tail and the priors on all else, with log10 E of `part` so much off what was fitted. No prior ties the part itself
     to its neighbours: they become each other's."""
     fitted, parts = physics.vector(), len(physics.young)
@@ -71,7 +81,7 @@ def _profile(tail: Tail, physics: Physics, part: int) -> Callable[[float], float
 
         def residual(free: np.ndarray) -> np.ndarray:
             vector[others] = free
-            priors = np.r_[np.diff(np.delete(vector[:parts], part)) / RATIO_SD, vector[parts:]]
+            priors = np.r_[np.diff(np.delete(vector[:parts], part)) / RATIO_SD, vector[parts : parts + 2], prior @ vector[parts + 2 :]]
             return np.r_[tail.misfit(Physics.of(vector, parts)).ravel() / tail.sigma_m, priors]
 
         near = ends[min(ends, key=lambda known: abs(known - change))]

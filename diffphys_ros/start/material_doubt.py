@@ -27,9 +27,7 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     is. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
-    told = np.full(body.parts, 0.0 if scene.density_kg_m3 is not None else contrast)
-    changes = told[:, None] * _of_equal_mass(body)
-    poisson_sd = np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
+    changes, poisson_sd = _untold(body, scene, contrast)
     by_density, by_poisson = mode_changes(tail, physics, body)
     young_by_density = _taken_on(tail, physics, bend, by_density) @ changes
     young_by_poisson = _taken_on(tail, physics, bend, by_poisson) * poisson_sd
@@ -40,6 +38,13 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
         of_young=_lengths(young_by_density, young_by_poisson) / np.log(10.0),
         of_specific=_lengths(young_by_density - changes, young_by_poisson) / np.log(10.0),
     )
+
+
+def frequency_doubt(tail: Tail, physics: Physics, body: Body, scene: Scene, contrast: float) -> np.ndarray:
+    """What one standard deviation of each thing untold changes of the log frequencies of the modes that the tail is fitted with, (k, m)."""
+    changes, poisson_sd = _untold(body, scene, contrast)
+    by_density, by_poisson = mode_changes(tail, physics, body)
+    return 0.5 * np.hstack([by_density @ changes, by_poisson * poisson_sd])
 
 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -56,6 +61,13 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     inertia = (volume * body.density[part])[:, None] * (value**2).sum(1)
     kinetic, elastic = (np.stack([np.bincount(part, mode, body.parts) for mode in each.T]) for each in (inertia, energy))
     return -kinetic / kinetic.sum(1, keepdims=True), elastic / squares[:, None]
+
+
+def _untold(body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (n, n) of ln(density) of all parts by one standard deviation of each one's, and standard deviations (n,) of Poisson's ratios."""
+    told = np.full(body.parts, 0.0 if scene.density_kg_m3 is not None else contrast)
+    changes = told[:, None] * _of_equal_mass(body)
+    return changes, np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
 
 
 def _of_equal_mass(body: Body) -> np.ndarray:

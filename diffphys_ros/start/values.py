@@ -17,7 +17,7 @@ from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
 from .lower_bound import lower_bounds
-from .material_doubt import DENSITY_CONTRAST, material_doubt
+from .material_doubt import DENSITY_CONTRAST, frequency_doubt, material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
@@ -145,7 +145,10 @@ def bounded(values: StartValues, fit: Fit) -> StartValues:
     """With the least moduli of parts whose own are not known though the modes explain the free motion."""
     explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING * FREQUENCY_SD
     wanted = ~values.identified & explained
-    lower = lower_bounds(fit.tail, fit.physics, values.geometry_sd, wanted)
+    if not wanted.any():
+        return values
+    body, scene = fit.evidence.body, fit.evidence.settings.scene
+    lower = lower_bounds(fit.tail, fit.physics, values.geometry_sd, frequency_doubt(fit.tail, fit.physics, body, scene, DENSITY_CONTRAST), wanted)
     reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
     return replace(values, young_lower=lower, reasons=tuple(reasons))
 

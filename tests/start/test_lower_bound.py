@@ -11,10 +11,10 @@ from diffphys_ros.types import StartValues
 from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
 
 
-def found(*young: float) -> StartValues:
-    """Of a bar with moduli [Pa] from the clamp outwards."""
+def found(*young: float, **told: object) -> StartValues:
+    """Of a bar with moduli [Pa] from the clamp outwards, of which no density is told unless one is."""
     truth = modes_of(bar(edges=EDGES), np.array(young), finer=0.85, count=12)
-    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True))[0]
+    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True, **told))[0]
 
 
 EDGES = (0.24,)  # the outer part is a fifth of the bar: its tip, which bends hardly at all
@@ -27,6 +27,11 @@ def test_a_tip_that_hardly_bends_is_at_least_as_stiff_as_said_and_not_ten_times_
     assert np.isnan(start.young_lower[0])
     assert least < start.young_lower[1] / (ratio * YOUNG[0]) < 1
     assert f"hardly strains in the free motion; E is at least {start.young_lower[1]:.2g} Pa." in start.reasons[1]
+
+
+def test_densities_that_nobody_told_lower_the_bound() -> None:
+    untold, told = (found(YOUNG[0], 3 * YOUNG[0], poisson_ratio=0.3, density_kg_m3=density).young_lower[1] for density in (None, 600.0))
+    assert 0.1 * 3 * YOUNG[0] < untold < 0.9 * told < told < 3 * YOUNG[0]
 
 
 def test_the_bound_is_where_the_misfit_has_risen_by_what_is_allowed() -> None:
