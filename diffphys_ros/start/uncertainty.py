@@ -19,20 +19,27 @@ SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
 
 
-def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray) -> np.ndarray:
+def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame,
-    model error in every mode's frequency, priors), and that of outline and densities; OPEN_SD where a tail
-    that the modes do not explain leaves more open than that."""
+    model error in every mode's frequency, priors), widened where the frequencies, off by `detune` (k,), fit each other worse than is allowed for,
+    and that of outline and densities; OPEN_SD where a tail that the modes do not explain leaves more open than that."""
     parts = len(physics.young)
     excess = excess_of(tail, physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
-    fit_sd = np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
+    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[-len(detune) :]) * np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
 def excess_of(tail: Tail, physics: Physics) -> float:
     """Misfit of the tail over what a frame may miss; at least 1."""
     return max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
+
+
+def inconsistency(detune: np.ndarray, variance: np.ndarray) -> float:
+    """By how much the log frequencies are off, over the standard deviation that is allowed for; at least 1. `detune` (k,) and its posterior variance
+    (k,) are in units of the prior's, of which this is one step of expectation maximisation. Where what is fitted contradicts itself, all that
+    follows from it is as much less sure (Birge 1932)."""
+    return float(np.sqrt(max((detune**2 + variance).mean(), 1.0)))
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,7 @@ def start_values(
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
     fit = run(stages, Fit.begun(evidence, elements, support))
     modal = fit.modal.retuned(fit.physics.young, fit.physics.detune).rotated(fit.physics.young)
-    fit = replace(fit, modal=modal)
-    return bounded(values_of(fit), fit), modal
+    return bounded(values_of(replace(fit, modal=modal)), fit), modal
 
 
 def joint_wanted(start: StartValues, settings: Settings) -> bool:
@@ -116,13 +115,14 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     """Force, spread and words for what a fit ended with; its modal model is tuned to the physics. `density_contrast` is the standard deviation
     of ln(density) of a part where none was given."""
     evidence, tail, free = fit.evidence, fit.tail, fit.support.has_free_tail
-    detuning = float(np.abs(fit.physics.detune).max(initial=0.0))
+    detune = fit.physics.detune
+    detuning = float(np.abs(detune).max(initial=0.0))
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune)))
     residual = float(np.sqrt((tail.misfit(fit.physics) ** 2).sum(1).mean())) if len(tail.data) else 0.0
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
     geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
-    sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
+    sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd, detune), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
     holds = not (free and explained_badly(residual, evidence.motion.coherent_m, tail.size_m))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
     return StartValues(
