@@ -85,6 +85,10 @@ class Tail:
         """Root mean square of the motion in the tail [m]."""
         return float(np.sqrt((self.data**2).sum(1).mean()))
 
+    def missed_m(self, physics: Physics) -> float:
+        """Root mean square of what the modes miss of a frame [m]; 0 without a free frame."""
+        return float(np.sqrt((self.misfit(physics) ** 2).sum(1).mean())) if len(self.data) else 0.0
+
     def leading_mode(self, young: np.ndarray) -> int:
         """The eigenmode at `young` whose shape holds most of the tail's motion."""
         seen = self.seen.operator @ self.modal.eigen(young)[1]

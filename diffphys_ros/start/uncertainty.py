@@ -32,7 +32,7 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
 
 def excess_of(tail: Tail, physics: Physics) -> float:
     """Misfit of the tail over what a frame may miss; at least 1."""
-    return max(float(np.sqrt((tail.misfit(physics) ** 2).sum(1).mean())) / tail.sigma_m, 1.0)
+    return max(tail.missed_m(physics) / tail.sigma_m, 1.0)
 
 
 def inconsistency(detune: np.ndarray, variance: np.ndarray) -> float:

@@ -117,8 +117,8 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     evidence, tail, free = fit.evidence, fit.tail, fit.support.has_free_tail
     detune = fit.physics.detune
     detuning = float(np.abs(detune).max(initial=0.0))
-    fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune)))
-    residual = float(np.sqrt((tail.misfit(fit.physics) ** 2).sum(1).mean())) if len(tail.data) else 0.0
+    fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(detune)))
+    residual = tail.missed_m(fit.physics)
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
     geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
