@@ -84,6 +84,46 @@ def test_a_part_that_is_not_identified_scores_none(tmp_path: Path, truth: Arrays
     assert found["young_ratio_error"] is None
 
 
+def stated(truth: Arrays) -> Arrays:
+    """An exact recovery that states what it knows: the outer part's modulus is a bound alone, its density is assumed too high."""
+    outer = truth["vertex_part"] == 1
+    return exact(truth) | {
+        "young": np.where(outer, np.nan, truth["vertex_E"] * 10**0.1),
+        "density": np.where(outer, 900.0, 500.0 * 10**0.04),
+        "log10_young_sd": np.where(outer, np.nan, 0.05),
+        "log10_specific_sd": np.where(outer, np.nan, 0.02),
+        "young_lower": np.where(outer, truth["vertex_E"] / 10, np.nan),
+    }
+
+
+def test_what_was_stated_of_each_part_stands_beside_its_error(tmp_path: Path, truth: Arrays) -> None:
+    found = scored(tmp_path, truth | {"part_rho": np.array([500.0, 300.0])}, stated(truth))
+    assert found["young_log10_sd"] == [pytest.approx(0.05), None]
+    assert found["young_lower_log10"] == [None, pytest.approx(-1)]
+    assert found["specific_log10_error"] == [pytest.approx(0.06), None]
+    assert found["specific_log10_sd"] == [pytest.approx(0.02), None]
+
+
+def test_a_truth_without_densities_scores_no_specific_modulus(tmp_path: Path, truth: Arrays) -> None:
+    assert "specific_log10_error" not in scored(tmp_path, truth, stated(truth))
+
+
+def test_half_the_force_misses_half_of_it(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth)
+    recovery["force"] *= 0.5
+    found = scored(tmp_path, truth | {"vertex_mass": truth["vertex_volume"] * 500}, recovery)
+    assert found["net_force_relative_rmse"] == pytest.approx(0.5)
+    assert found["modal_force_relative_rmse"] == [pytest.approx(0.5)]
+
+
+def test_a_force_that_no_mode_feels_is_no_error_of_the_modal_force(tmp_path: Path, truth: Arrays) -> None:
+    recovery = exact(truth)
+    recovery["force"][..., 2] += 500.0  # the truth swings along y
+    found = scored(tmp_path, truth | {"vertex_mass": truth["vertex_volume"] * 500}, recovery)
+    assert found["net_force_relative_rmse"] > 1
+    assert found["modal_force_relative_rmse"] == [pytest.approx(0, abs=1e-9)]
+
+
 def test_a_force_turned_by_sixty_degrees_has_half_the_cosine(tmp_path: Path, truth: Arrays) -> None:
     recovery = exact(truth)
     recovery["force"][..., 2] = np.sqrt(3) * recovery["force"][..., 1]
@@ -214,6 +254,8 @@ def test_figures_equal_the_scenes_own_scorer(tmp_path: Path, scenes: Path, scene
     )
     assert ours["net_force_cosine"] == pytest.approx(force["net_cosine_active_mean"], rel=1e-9)
     assert ours["false_force_ratio"] == pytest.approx(force["false_force"]["net_rms_ratio_vs_true_peak"], rel=1e-9)
+    assert ours["net_force_relative_rmse"] == pytest.approx(force["net_rel_rmse"], rel=1e-9)
+    assert ours["modal_force_relative_rmse"] == pytest.approx([mode["rel_rmse"] for mode in force["modal"]], rel=1e-6)
     assert ours["trajectory_rmse_over_rms_motion"] == pytest.approx(theirs["trajectory"]["rmse_over_rms_motion"], rel=1e-9)
 
 

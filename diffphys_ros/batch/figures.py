@@ -10,13 +10,17 @@ import numpy as np
 from .. import result, store
 from ..errors import InputError
 
-OF_PARTS = ("identified", "young_pa", "log10_young_sd", "young_log10_error")
+SCORED_PARTS = ("young_log10_error", "young_log10_sd", "young_lower_log10", "specific_log10_error", "specific_log10_sd")  # by the truth's parts, which may be more or fewer
+OF_PARTS = ("identified", "young_pa", "log10_young_sd", *SCORED_PARTS)
+MODAL = "modal_force_relative_rmse"
 PREDICTED = "prediction_over_rms_motion"  # of frames that were kept back
 OF_CLIP = (
     "force_identified",
     "young_ratio_error",
     "net_force_cosine",
     "false_force_ratio",
+    "net_force_relative_rmse",
+    MODAL,
     "force_peak_n",
     "force_peak_true_n",
     "trajectory_rmse_over_rms_motion",
@@ -44,9 +48,9 @@ def figures_of(folder: Path) -> dict[str, Any]:
         return [_median(arrays[name][part == k]) if identified[k - 1] else None for k in parts]
 
     found = {"identified": identified.tolist(), "young_pa": medians("young"), "log10_young_sd": medians("log10_young_sd")}
-    errors = metrics.get("young_log10_error")
-    if isinstance(errors, list):  # by the truth's parts, which may be more or fewer
-        found["young_log10_error"] = errors
+    found |= {name: metrics[name] for name in SCORED_PARTS if isinstance(metrics.get(name), list)}
+    if isinstance(modal := metrics.get(MODAL), list):
+        metrics[MODAL] = modal[0] if modal else None  # of the mode that moves most
     if isinstance(prediction := metrics.get("prediction"), dict):
         metrics[PREDICTED] = prediction.get("over_rms_motion")
     return found | {name: metrics[name] for name in OF_CLIP if metrics.get(name) is not None}

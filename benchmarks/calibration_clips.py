@@ -1,0 +1,138 @@
+"""Clips that nobody chose: which seeds, and what a run of each is told."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from diffphys_ros.errors import InputError
+
+SCENE = ("clip.mcap", "mask0.png", "truth.npz")
+STATS = "stats.json"  # the generator's last file: what it made
+REFUSED = "refused.txt"  # in place of it: why a seed has no clip
+CONFIRMATION_SEEDS = range(100_000, 1_000_000)  # far from those on which choices are made
+MADE_IN_S = 900.0  # longest time for one scene
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a run knows, and what of: one column of the table."""
+
+    name: str
+    words: str  # for people
+    scene: tuple[str, ...] = ()  # of the generator: another scene of the same seed
+    sensor: bool = False  # through the sensor model
+    densities: bool = False  # the parts' densities are told, else the mass alone
+    frames: tuple[int, int] | None = None  # fitted, and predicted
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("told", "densities told", densities=True),
+        Kind("mass", "mass told"),
+        Kind("sensor", "sensor model, densities told", sensor=True, densities=True),
+        Kind("never_free", "the force never stops, mass told", scene=("--never-free",)),
+        Kind("held_out", "first 45 frames, densities told", densities=True, frames=(45, 15)),
+    )
+}
+
+
+def confirmation_seeds(commit: str, count: int) -> list[int]:
+    """Seeds that follow from the full name of a commit, so that nobody can choose them."""
+    return random.Random(commit).sample(CONFIRMATION_SEEDS, count)
+
+
+@dataclass(frozen=True)
+class Maker:
+    """The scenes' generator: its folder, and the Python that has MuJoCo."""
+
+    folder: Path
+    python: str = sys.executable
+
+    def make(self, seed: int, flags: Sequence[str], out: Path) -> None:
+        """The scene of a seed in `out`, unless it is there; `out` holds REFUSED where the generator has none."""
+        if (out / STATS).exists() or (out / REFUSED).exists():
+            return
+        self._call(["make_scene.py", "--seed", str(seed), *flags, "--out", str(out)], out)
+
+    def degrade(self, seed: int, clean: Path, out: Path) -> None:
+        """The same scene as a depth camera would record it."""
+        if not (out / "frames.json").exists():
+            out.mkdir(parents=True, exist_ok=True)
+            self._call(["degrade.py", str(clean / "clip.mcap"), str(out / "clip.mcap"), "--seed", str(seed), "--all"], out)
+
+    def _call(self, words: Sequence[str], out: Path) -> None:
+        command = [self.python, str(self.folder / words[0]), *words[1:]]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=MADE_IN_S, check=False, env={"MUJOCO_GL": "egl", "OMP_NUM_THREADS": "1"} | os.environ)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise InputError(f"{words[0]}: {error}; give --generator its folder and --mujoco a Python that has MuJoCo") from error
+        if done.returncode:
+            said = (done.stderr.strip().splitlines() or [done.stdout.strip() or f"status {done.returncode}"])[-1]
+            if "no acceptable draw" not in said and not (out / STATS).exists():
+                raise InputError(f"{words[0]} {out.name}: {said[:300]}")
+            out.mkdir(parents=True, exist_ok=True)
+            (out / REFUSED).write_text(said)
+
+
+def clips_of(seeds: Iterable[int], kinds: Sequence[Kind], folder: Path, maker: Maker, jobs: int) -> list[Path]:
+    """Folders of clips, g{SEED}-{KIND} each, made where they are not there; seeds without a scene are left out."""
+
+    def of_seed(seed: int) -> list[Path]:
+        return [made for kind in kinds if (made := _clip(seed, kind, folder, maker)) is not None]
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return [clip for clips in pool.map(of_seed, seeds) for clip in clips]
+
+
+def facts_of(clip: Path) -> dict[str, Any]:
+    """What is known of a clip beside its truth: seed, kind, number of materials, family, gravity, what pushes it."""
+    stats = json.loads((clip / STATS).read_text())
+    seed, _, kind = clip.name.removeprefix("g").partition("-")
+    pushed = "poke" if stats["force"].startswith("push") else "gust"
+    return {"seed": int(seed), "kind": kind, "materials": len(stats["E_Pa"]), "family": stats["family"], "gravity": stats["gravity"], "push": pushed}
+
+
+def _clip(seed: int, kind: Kind, folder: Path, maker: Maker) -> Path | None:
+    scene = folder / "scenes" / "-".join((f"g{seed}", *(flag.strip("-") for flag in kind.scene)))
+    maker.make(seed, kind.scene, scene)
+    if (scene / REFUSED).exists():
+        return None
+    source = scene
+    if kind.sensor:
+        source = scene.with_name(f"{scene.name}-sensor")
+        maker.degrade(seed, scene, source)
+    clip = folder / "clips" / f"g{seed}-{kind.name}"
+    clip.mkdir(parents=True, exist_ok=True)
+    for name in SCENE:
+        _linked(source / name, clip / name)
+    _linked(scene / STATS, clip / STATS)
+    told = _told(yaml.safe_load((scene / "given.yaml").read_text()), kind, np.load(scene / "truth.npz"))
+    (clip / "given.yaml").write_text(yaml.safe_dump(told))
+    return clip
+
+
+def _told(given: dict[str, Any], kind: Kind, truth: Any) -> dict[str, Any]:
+    if kind.densities:
+        del given["scene"]["mass_kg"]
+        given["scene"]["density_kg_m3"] = [float(rho) for rho in truth["part_rho"]]
+    if kind.frames:
+        given["frames"] = dict(zip(("fit", "predict"), kind.frames, strict=True))
+    return given
+
+
+def _linked(source: Path, target: Path) -> None:
+    if not target.exists():
+        os.link(source, target)

@@ -1,0 +1,34 @@
+"""The net force against the true one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .truth import Arrays, free_volume
+
+ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
+FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
+
+
+def net_force(truth: Arrays) -> np.ndarray:
+    """True net force on the unclamped vertices [N], shape (T, 3)."""
+    return np.einsum("tnc,n->tc", truth["force_density"].astype(float), free_volume(truth))
+
+
+def score_force(truth: Arrays, force: np.ndarray) -> dict[str, object]:
+    """Force: recovered density at the truth's vertices (T, V, 3)."""
+    volume, density = free_volume(truth), truth["force_density"][: len(force)].astype(float)
+    true, found = (np.einsum("tnc,n->tc", f, volume) for f in (density, force))
+    size, size_found = np.linalg.norm(true, axis=1), np.linalg.norm(found, axis=1)
+    active = size > ACTIVE_SHARE * size.max()
+    energy = np.einsum("tnc,tnc,n->t", density, density, volume)
+    free = energy <= FREE_SHARE * energy.max()
+    cosine = (true * found).sum(1) / np.maximum(size * size_found, np.finfo(float).tiny)
+    scale = np.sqrt((true**2).sum())
+    return {
+        "net_force_cosine": float(cosine[active].mean()) if active.any() else None,
+        "false_force_ratio": float(np.sqrt((size_found[free] ** 2).mean()) / size.max()) if free.any() and size.max() else None,
+        "net_force_relative_rmse": float(np.sqrt(((found - true) ** 2).sum()) / scale) if scale else None,
+        "force_peak_n": float(size_found.max()),
+        "force_peak_true_n": float(size.max()),
+    }
