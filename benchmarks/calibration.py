@@ -43,8 +43,8 @@ def run(options: argparse.Namespace) -> int:
     out: Path = options.out[0]
     out.mkdir(parents=True, exist_ok=True)
     about = {"set": CONFIRMATION if options.confirm else CHOICE, "commit": commit, "seeds": seeds}
-    if (out / ABOUT).exists() and json.loads((out / ABOUT).read_text()) != about:
-        raise InputError(f"{out}: holds a run of other seeds or of another commit; give another folder")
+    if (out / ABOUT).exists() and json.loads((out / ABOUT).read_text())["seeds"] != seeds:
+        raise InputError(f"{out}: holds a run of other seeds; give another folder")
     (out / ABOUT).write_text(json.dumps(about))
     first, count = options.shard
     kinds = [KINDS[name] for name in options.kinds.split(",")]
