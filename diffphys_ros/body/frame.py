@@ -58,6 +58,14 @@ def body_pose(clamp: Clamp | None, surface: np.ndarray, towards_camera: np.ndarr
     return pose
 
 
+def leaning(pose: np.ndarray, lean: float) -> np.ndarray:
+    """world_from_body (4, 4) whose plane x = 0 is turned about z, as the line x = tan(lean) y."""
+    turned = pose.copy()
+    x, y = pose[:3, 0], pose[:3, 1]
+    turned[:3, 0], turned[:3, 1] = np.cos(lean) * x - np.sin(lean) * y, np.sin(lean) * x + np.cos(lean) * y
+    return turned
+
+
 def thickness_direction(scene: Scene, camera: Camera, surface: np.ndarray) -> np.ndarray:
     """Unit vector (3,) along which the thickness is measured, pointing towards the camera; the optical axis where none is given."""
     axis = -camera.world_from_camera[:3, 2]

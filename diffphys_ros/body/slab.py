@@ -70,14 +70,17 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
         poisson=_per_part(scene.poisson_ratio or [POISSON_RATIO], parts, "scene.poisson_ratio"),
         gravity=np.array(scene.gravity_m_s2 or (0.0, 0.0, 0.0)) @ pose[:3, :3],
         clamped=view.clamp is not None,
-        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid),
+        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid, view.lean),
     )
 
 
-def _root_source(solid: Solid) -> dict[str, str]:
-    if not solid.short_m:
-        return {}
-    return {"clamp": f"clamp_box_m; the object's outline ends {1e3 * solid.short_m:.1f} mm before the clamped plane and was continued to it"}
+def _root_source(solid: Solid, lean: float) -> dict[str, str]:
+    said = []
+    if lean:
+        said.append(f"the object's outline ends on a line that leans {abs(np.rad2deg(lean)):.0f} degrees off the box face, which is taken for the held face")
+    if solid.short_m:
+        said.append(f"the object's outline ends {1e3 * solid.short_m:.1f} mm before the clamped plane and was continued to it")
+    return {"clamp": "clamp_box_m; " + "; ".join(said)} if said else {}
 
 
 def part_densities(scene: Scene, volumes: np.ndarray) -> tuple[np.ndarray, str]:

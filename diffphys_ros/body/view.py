@@ -12,13 +12,15 @@ from ..errors import InputError
 from ..inpaint import nearest_known
 from ..types import Camera, Clip, object_mask
 from .edges import coverage
-from .frame import Clamp, body_pose, find_clamp, thickness_direction, up_direction
+from .end_face import lean_of_end
+from .frame import Clamp, body_pose, find_clamp, leaning, thickness_direction, up_direction
 from .silhouette import CELLS_PER_PIXEL, Raster, raster_over
 
 LEAST_PIXELS = 16
 SMOOTH_PX = 7  # over which a surface is taken to be straight; depth is averaged over as many pixels, so that noise has no memory of it
 SPECK_PX = 5  # side of the window over whose median specks do not rise
 TOP = 0.995  # quantile of the front's heights that is taken for the highest
+FRONT_PX = 2.0  # footprints of a pixel below the front's level that still belong to it
 TOP_NOISE = 5.0  # standard deviations below it that are still the same level
 
 
@@ -37,6 +39,7 @@ class View:
     noise_m: float  # standard deviation of the surface's height
     footprint_m: float  # side of a pixel on the object
     clamp: Clamp | None
+    lean: float = 0.0  # of the clamped plane off its box face, about z [rad]
 
     def front_pixels(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells on the front face."""
@@ -65,6 +68,14 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     height = np.zeros(mask.shape)
     height[v, u] = seen[:, 2]
     noise = height_noise(height, mask)
+    front = front_level(height, mask, noise)
+    lean = 0.0
+    if clamp is not None:
+        of_front = seen[seen[:, 2] > front - max(FRONT_PX * footprint, TOP_NOISE * noise)]
+        lean = lean_of_end(of_front[:, :2], footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
+    if lean:
+        pose = leaning(pose, lean)
+        seen = (points - pose[:3, 3]) @ pose[:3, :3]
     return View(
         source=clip.source or "clip",
         camera=clip.camera,
@@ -73,10 +84,11 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         measured=None if clip.depth is None else clip.depth[0],
         pose=pose,
         raster=raster_over(seen, footprint / CELLS_PER_PIXEL, from_zero=clamp is not None),
-        front=front_level(height, mask, noise),
+        front=front,
         noise_m=noise,
         footprint_m=footprint,
         clamp=clamp,
+        lean=lean,
     )
 
 
