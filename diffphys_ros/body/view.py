@@ -71,10 +71,9 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     front = front_level(height, mask, noise)
     lean = 0.0
     if clamp is not None:
-        of_front = seen[seen[:, 2] > front - max(FRONT_PX * footprint, TOP_NOISE * noise)]
-        lean = lean_of_end(of_front[:, :2], footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
-    if lean:
-        pose = leaning(pose, lean)
+        below = max(FRONT_PX * footprint, TOP_NOISE * noise)
+        lean = lean_of_end(on_front(seen, (clip.camera.position - pose[:3, 3]) @ pose[:3, :3], front, below), footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
+        pose = leaning(pose, lean) if lean else pose
         seen = (points - pose[:3, 3]) @ pose[:3, :3]
     return View(
         source=clip.source or "clip",
@@ -90,6 +89,14 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         clamp=clamp,
         lean=lean,
     )
+
+
+def on_front(seen: np.ndarray, eye: np.ndarray, front: float, below: float) -> np.ndarray:
+    """x and y (Q, 2) at which the rays from `eye` (3,) through points (P, 3) in the body's frame [m] meet the front's plane, of points at most
+    `below` under it: the outline as sharp as the picture shows it, whatever the depth's noise."""
+    kept = seen[seen[:, 2] > front - below]
+    share = (front - eye[2]) / (kept[:, 2] - eye[2])
+    return eye[:2] + share[:, None] * (kept[:, :2] - eye[:2])
 
 
 def height_noise(height: np.ndarray, mask: np.ndarray) -> float:
