@@ -226,11 +226,11 @@ class Simulator:
     ) -> State:
         """Frame 0 in static equilibrium under gravity: the particles at rest positions, prestressed, still.
 
-        `displacement_gradient` (P, 3, 3) is that of the static sag under gravity, so that rest positions are where
-        the body hangs, not where it would lie free of stress. A few heavily damped frames take
-        up what the lattice does otherwise; velocities end at zero. Measure displacements from the state returned.
+        `displacement_gradient` (P, 3, 3) is that of the static sag under gravity; its symmetric part is the stretch, since a turn
+        makes no stress. Rest positions are where the body hangs, not where it would lie free of stress. A few heavily damped frames
+        take up what the lattice does otherwise; velocities end at zero. Measure displacements from the state returned.
         """
-        state = self.rest(F=torch.eye(3, **self.options) + displacement_gradient)
+        state = self.rest(F=torch.eye(3, **self.options) + 0.5 * (displacement_gradient + displacement_gradient.mT))
         for k in range(frames):
             state = self.frame(state, young, poisson, None, SETTLING_DAMPING, density=density, friction=friction, number=k - frames)
         return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))

@@ -50,6 +50,16 @@ def test_a_settled_body_stays_where_frame_0_saw_it(gravity):
     assert settled.v.abs().max() == 0.0
 
 
+def test_a_turn_of_the_sag_puts_no_stress_into_frame_0():
+    """A bar that bends far turns its end: taken for a strain, a tenth of a radian would stretch it by half a percent."""
+    sim = column(0.0)
+    turn = torch.zeros(len(sim.volume), 3, 3, dtype=torch.float64)
+    turn[:, 0, 1], turn[:, 1, 0] = -0.1, 0.1
+    with torch.no_grad():
+        settled = sim.settle(full(sim, YOUNG), full(sim, 0.0), turn, frames=6)
+    assert (settled.x - sim.x_rest).abs().max() < 1e-6 * LENGTH
+
+
 def test_the_settled_state_is_differentiable_in_stiffness():
     sim = column(HANGING)
     young = full(sim, YOUNG).requires_grad_()
