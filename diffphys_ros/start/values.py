@@ -22,7 +22,7 @@ from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
-MOST_DETUNING = 5.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
+MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
 WIDEST_SD = 0.15  # of log10 E that still counts as identified
 GUESS_SD = 0.5  # of log10 E of a guess
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit
