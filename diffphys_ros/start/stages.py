@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from ..damping import Damping
 from ..footprints import Footprint
 from ..modes.model import ModalModel
-from ..vibration.forced_frames import Support, bridged
+from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, bridged
 from .evidence import Evidence
 from .force import AXES, ForceProblem
 from .free_tail import Physics, Tail
@@ -29,6 +30,10 @@ STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
 PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess
 SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept
 ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen
+MISSED = 5.0  # times what a frame of the tail may miss, from which on a force is looked for inside it
+LATER, TAILS = 2, 8  # frames by which the tail is begun later, at the least, and how often
+EXPLAINED = 0.5  # of what was missed: at most so much is left where a later tail is free of a force that the first was not
+NEAR_BEST = 1.5  # times the least missed: the longest tail that misses no more is taken
 ACTIVE = 0.15  # share of the largest force above which a frame counts as forced
 
 
@@ -95,6 +100,7 @@ def modes(elements: Elements, guess_scale: float) -> list[Stage]:
     """Where a free tail tells the stiffness."""
     return [
         Stage("tail", "free frames", ("modal", "physics"), partial(_tail, elements=elements, guess_scale=guess_scale)),
+        Stage("later tail", "free frames", ("support", "physics"), _later_tail),
         Stage("edges", "all frames", ("support", "grown"), _edges),
         Stage("tail again", "free frames", ("physics", "grown"), _tail_again),
         Stage("footprint", "all frames", ("footprint",), _footprint),
@@ -131,6 +137,26 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
         if np.abs(np.log(fit.physics.young / before)).max() < SETTLED:
             break
     return fit
+
+
+def _later_tail(fit: Fit) -> Fit:
+    """The longest tail that the modes explain, where they miss much of the first: noise and lost frames hide the last of several gusts from
+    what reads forced frames from the motion alone, and a tail with a force in it tells nothing."""
+    missed = fit.tail.missed_m(fit.physics)
+    if missed <= MISSED * fit.tail.sigma_m:
+        return fit
+    hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
+    needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / (hz * fit.evidence.period_s)))
+    room = len(fit.whole.known) - needed - fit.support.tail_start
+    found = []
+    for later in range(LATER, room + 1, max(LATER, math.ceil(room / TAILS))):
+        trial = replace(fit, support=fit.support.grown(0, later))
+        trial = replace(trial, physics=trial.tail.fit(fit.physics.young, hz, decay))
+        found.append((trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial))
+    best = min((share for share, _ in found), default=np.inf)
+    if best > EXPLAINED * missed / fit.tail.size_m:
+        return fit
+    return next(trial for share, trial in found if share <= NEAR_BEST * best)
 
 
 def _edges(fit: Fit) -> Fit:
