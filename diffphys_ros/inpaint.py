@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 BAND_ROWS = 32  # of the frames, whose median is taken at a time: as numbers they need many times their memory
 
 
 def nearest_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Values (H, W, ...) with each unknown pixel's taken from the nearest known one; known: bool (H, W), true somewhere."""
+    from scipy.ndimage import distance_transform_edt  # late: half of what a node imports before it answers, and none fills pixels itself
+
     index = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return values[tuple(index)]
 

@@ -16,6 +16,7 @@ from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.inverse.checkpoint import Checkpoint, Stored
 from diffphys_ros.inverse.descent import Descent
+from tests.coarse import coarse_elements
 
 QUICK = [
     *("--particles.cells", "3", "--experiment.per_cell", "1.5", "--fit.iterations", "1"),
@@ -92,7 +93,14 @@ def test_an_object_mask_without_an_object_is_refused(tmp_path, capfd):
     assert "empty.png" in capfd.readouterr().err
 
 
+@pytest.fixture
+def coarse():
+    with coarse_elements():
+        yield
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
 def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(half_sample, tmp_path, capfd):
     """Both ways give the same fields, to the byte, though a truth lies beside the clip in one of them only."""
     clip, given = str(half_sample / "clip.mcap"), ["--config", str(half_sample / "given.yaml"), *QUICK]

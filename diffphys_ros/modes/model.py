@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class ModalModel:
     retuning: np.ndarray  # [1/s^2], (r, r)
     gravity_load: np.ndarray  # [N/kg^1/2], (r,)
     reference: np.ndarray  # Young's moduli [Pa] at which the basis is diagonal, (n,)
+    _last: ClassVar[tuple[bytes, np.ndarray, np.ndarray] | None] = None  # moduli of which `eigen` was asked last, and what it answered
 
     @property
     def modes(self) -> int:
@@ -56,9 +58,14 @@ class ModalModel:
     def eigen(self, young: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared angular frequencies (r,) [1/s^2], lowest first, and mode shapes (r, r) as columns of basis coordinates.
 
-        A negative square means that the body buckles under gravity at these moduli.
+        A negative square means that the body buckles under gravity at these moduli. The last answer is kept: searches ask for the same
+        moduli again and again while they try dampings, forces and where these act.
         """
-        return np.linalg.eigh(self.matrix(young))
+        asked, last = np.asarray(young, float).tobytes(), self._last
+        if last is None or last[0] != asked:
+            last = (asked, *np.linalg.eigh(self.matrix(young)))
+            object.__setattr__(self, "_last", last)
+        return last[1].copy(), last[2].copy()
 
     def frequencies(self, young: np.ndarray) -> np.ndarray:
         """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""

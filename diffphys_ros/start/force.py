@@ -76,6 +76,17 @@ class ForceProblem:
         """Modal loads (r, 3) of unit uniform force densities."""
         return self.modal.footprint_load()
 
+    @cached_property
+    def _calm(self) -> np.ndarray:
+        """Rows of the priors, which are the same whatever the physics and the footprint."""
+        initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
+        return _calming(self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial)
+
+    @cached_property
+    def _target(self) -> np.ndarray:
+        """What the design and the priors are fitted to."""
+        return np.concatenate([self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(self._calm))])
+
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
         omega2, shapes = self.modal.eigen(physics.young)
@@ -115,9 +126,8 @@ class ForceProblem:
 
     def _least_squares(self, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (u,) of the design (T, d, u), and the residuals over sigma followed by those of the priors."""
-        calm = _calming(self.heaviness[self.allowed], design.shape[2])
-        matrix = np.vstack([np.vstack(design[self.known]) / self.sigma_m, calm])
-        target = np.r_[self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(calm))]
+        matrix = np.concatenate([design[self.known].reshape(-1, design.shape[2]) / self.sigma_m, self._calm])
+        target = self._target
         normal = matrix.T @ matrix + SINGULAR * np.eye(design.shape[2])
         unknown = solved(normal, matrix.T @ target)
         return unknown, target - matrix @ unknown
@@ -132,7 +142,7 @@ class ForceProblem:
 
         def residual(vector: np.ndarray) -> np.ndarray:
             seen = self.solve(Physics.of(vector, parts), footprint).residual
-            return np.r_[seen, prior_residual(vector, parts), believed(vector[:parts])]
+            return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
         start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
         found = least_squares(residual, start, bounds=(low, high), jac=slope, max_nfev=REFINEMENTS, ftol=1e-4)

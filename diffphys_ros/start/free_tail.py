@@ -57,7 +57,7 @@ class Physics:
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
     """Residuals in standard deviations: log ratios of neighbouring parts, damping and detuning."""
-    return np.r_[np.diff(vector[:parts]) / RATIO_SD, vector[parts:]]
+    return np.concatenate([np.diff(vector[:parts]) / RATIO_SD, vector[parts:]])
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Tail:
     def residual(self, vector: np.ndarray) -> np.ndarray:
         """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
         parts = len(self.modal.stiffness)
-        return np.r_[self.misfit(Physics.of(vector, parts)).ravel() / self.sigma_m, prior_residual(vector, parts)]
+        return np.concatenate([self.misfit(Physics.of(vector, parts)).ravel() / self.sigma_m, prior_residual(vector, parts)])
 
     def search(self, start: Physics) -> tuple[float, Physics]:
         """Cost and physics at the minimum that is reached from a start."""

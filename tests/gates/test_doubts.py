@@ -12,6 +12,7 @@ from diffphys_ros import result
 from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.inverse import Prepared
+from tests.coarse import coarse_elements
 
 from . import clips
 
@@ -22,7 +23,8 @@ def prepared(tmp_path: Path, half_sample: Path) -> Callable[..., Prepared]:
 
     def prepare(change: Callable, *flags: str, source: Path = half_sample) -> Prepared:
         folder, out = clips.changed(source, tmp_path, change), tmp_path / "clip.npz"
-        assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out), *flags]) == 0
+        with coarse_elements():
+            assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out), *flags]) == 0
         return result.load_prepared(out)
 
     return prepare

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from diffphys_ros.inverse.stages.fields import fields
 from diffphys_ros.inverse.zones import zones_of
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.types import MaterialPrior
+from tests.coarse import coarse_elements
 
 from .conftest import YOUNG, as_one_part
 from .test_solve import drive, with_young
@@ -37,6 +39,13 @@ def settings(**words):
 def with_force(prepared: Prepared, share: float) -> Prepared:
     """The same clip, its start with a share of the true force."""
     return dataclasses.replace(prepared, start=dataclasses.replace(prepared.start, force=share * prepared.start.force))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse(prepared) -> Iterator[None]:
+    """For the zones, which are sought twice; the bar that all tests of the solver share has its modes already."""
+    with coarse_elements():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from diffphys_ros.predict import let_free as room
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.score import score_folder
 from diffphys_ros.types import Recovery, Splats
+from tests.coarse import coarse_elements
 from tests.quick_batch import QUICK_FLAGS, QUICK_WORDS
 from tools.sample_maker.messages import clip_messages
 
@@ -60,8 +61,14 @@ def driven(steps: Generator[Any, None, Any]) -> Any:
             return end.value
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    with coarse_elements():
+        yield
+
+
 @pytest.fixture(scope="module")
-def found(half_sample: Path) -> Found:
+def found(coarse: None, half_sample: Path) -> Found:
     source, settings = half_sample / "clip.mcap", config.layered([half_sample / "given.yaml"], FLAGS)
     prepared, splats, recovery = driven(run(source, settings))
     recovery = driven(predicted(source, prepared, splats, recovery, settings))

@@ -1,4 +1,4 @@
-"""First answers on coarser elements than a user's, in half the time; what elements do to frequencies is tested in tests/elements."""
+"""First answers on coarser elements than a user's, in half the time."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from diffphys_ros.elements import mesh
-
-VERTICES = 32  # aimed at in the plane
+from tests.coarse import coarse_elements
 
 
 @pytest.fixture(scope="module", autouse=True)
-def coarse_elements() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mesh, "TRIANGLE_VERTICES", VERTICES)
+def coarse() -> Iterator[None]:
+    with coarse_elements():
         yield
