@@ -11,7 +11,7 @@ import pytest
 from diffphys_ros.config import Settings
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start import joint_values, joint_wanted, start_values
+from diffphys_ros.start import joint_values, joint_wanted, start_values, values
 from diffphys_ros.start.stages import Fit, Stage, active, run
 from diffphys_ros.types import Body, StartValues, Tracks
 from diffphys_ros.vibration.forced_frames import Support
@@ -84,3 +84,23 @@ def test_a_clip_that_starts_in_motion_has_that_motion_found_beside_force_and_sti
     _, found = found_jointly(body, first(tracks(truth, q), FORCED.stop + 8), settings(at_rest=False))
     assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
     assert found.track_cost < 1e-3
+
+
+def test_a_second_gust_that_was_read_as_free_motion_is_found_where_the_modes_do_not_explain_it(body, truth, monkeypatch) -> None:
+    """Noise and lost frames hide it from what reads forced frames from the motion alone."""
+    second = FORCED.stop - FORCED.start + 6
+    force = gust() + 0.8 * np.roll(gust(), second, 0)[:, [0, 2, 1]]
+    seen = tracks(truth, motion(truth, YOUNG, force))
+    whole = values.find_support
+
+    def blind(*words, **told) -> Support:
+        support = whole(*words, **told)
+        forced = support.forced.copy()
+        forced[FORCED.stop :] = False
+        return replace(support, forced=forced, has_free_tail=True)
+
+    monkeypatch.setattr(values, "find_support", blind)
+    found = start_values(body, seen, PERIOD_S, AT_REST)[0]
+    assert found.forced[FORCED.start + second : FORCED.stop + second].all()
+    assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
+    assert found.identified.all()
