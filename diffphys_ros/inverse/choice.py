@@ -111,7 +111,7 @@ def _why_not(fitted: Fitted, clock: Clock) -> str:
 
 
 def _confidence(problem: Problem, answer: Candidate) -> Confidence:
-    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.hessian)
+    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.disc.expected_log10_error, problem.hessian)
     return of_answer(problem.prepared, problem.layout, explained, simulated=answer.core.refined)
 
 

@@ -13,7 +13,7 @@ from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
 from .prepared import Prepared
 from .unknowns import Layout
 
-GRID_SCATTER = 0.02  # of log10 E between grids, one part (Gauss-Newton alone would claim too much)
+GRID_SCATTER = 0.02  # of log10 E between grids, one part, where the simulation alone tells it (Gauss-Newton alone would claim too much)
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Explained:
 
     rms_m: float  # misfit of one track coordinate [m]
     size_m: float  # rms of the tracked displacements [m]
+    grid_log10_sd: float  # of log10 E by the grid alone, as it was measured on this body
     hessian: np.ndarray  # of the simulation's loss, whose misfit is half the mean squared misfit over size_m^2; (size, size)
 
 
@@ -79,12 +80,12 @@ def of_start(prepared: Prepared) -> Confidence:
 
 
 def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> Confidence:
-    """Of the simulated answer: that of the start values, and the grid's scatter, where their modes hold; else from the simulation."""
+    """Of the simulated answer: that of the start values, and the grid's own error, where their modes hold; else from the simulation."""
     start = prepared.start
     if "young" in layout.held:
         return of_start(prepared)
     if start.has_free_tail and start.modes_hold:
-        return replace(of_start(prepared), log10_young_sd=np.hypot(start.log10_young_sd, GRID_SCATTER))
+        return replace(of_start(prepared), log10_young_sd=np.hypot(start.log10_young_sd, explained.grid_log10_sd))
     sd = np.sqrt(_fit_sd(prepared, layout, explained) ** 2 + start.geometry_sd**2 + GRID_SCATTER**2)
     fault = _fault(prepared, layout, explained)
     if fault:

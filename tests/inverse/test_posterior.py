@@ -15,9 +15,9 @@ SIZE_M = 0.01
 GAP, CAMERA = Doubt("frames are missing", of_young=False), Doubt("the camera moves", of_young=True)
 
 
-def said(prepared, *, missed_m: float = 1e-4, simulated: bool = True) -> Confidence:
+def said(prepared, *, missed_m: float = 1e-4, simulated: bool = True, grid_log10_sd: float = 0.005) -> Confidence:
     layout = Layout.of(prepared.start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.ones((2, prepared.modal.modes)), held=())
-    explained = Explained(missed_m / np.sqrt(3), SIZE_M, np.eye(layout.size))
+    explained = Explained(missed_m / np.sqrt(3), SIZE_M, grid_log10_sd, np.eye(layout.size))
     return of_answer(prepared, layout, explained, simulated=simulated)
 
 
@@ -34,6 +34,12 @@ def test_an_answer_that_misses_much_of_the_motion_knows_no_force(prepared, simul
     found = said(prepared, missed_m=0.2 * SIZE_M, simulated=simulated)
     assert not found.force_identified
     assert "misses 2.00 mm" in found.force_reason
+
+
+def test_a_simulated_stiffness_is_as_much_less_sure_as_its_own_grid_is_off(prepared):
+    start = prepared.start.log10_young_sd
+    np.testing.assert_allclose(said(prepared, grid_log10_sd=0.03).log10_young_sd, np.hypot(start, 0.03))
+    np.testing.assert_allclose(said(prepared, grid_log10_sd=0.03, simulated=False).log10_young_sd, start)
 
 
 def test_a_misfit_within_the_noise_is_forgiven_however_small_the_motion(prepared):

@@ -1,0 +1,91 @@
+"""Claims about the calibration: seeds that nobody chooses, and what its table counts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.errors import InputError
+from tests.script import loaded
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+COMMIT = "8e3fe4a9299a7321a1e65ee59d94973bc8ad6e21"
+
+
+@pytest.fixture
+def calibration(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return loaded(BENCHMARKS / "calibration.py")
+
+
+@pytest.fixture
+def tables(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return loaded(BENCHMARKS / "calibration_table.py")
+
+
+def row(errors: list[float | None], sd: list[float | None], *, lower: list[float | None] | None = None, **more: object) -> dict[str, object]:
+    return {"kind": "mass", "materials": len(errors), "state": "done", "push": "gust", "young_log10_error": errors, "young_log10_sd": sd, "young_lower_log10": lower} | more
+
+
+def cell(tables: ModuleType, rows: list[dict[str, object]], name: str) -> str:
+    return next(line[1] for line in tables.table(rows, ["mass"]) if line[0] == name)
+
+
+def test_the_confirmation_seeds_follow_from_the_commit_alone(calibration) -> None:
+    seeds = calibration.confirmation_seeds(COMMIT, 60)
+    assert seeds == calibration.confirmation_seeds(COMMIT, 60)
+    assert len(set(seeds)) == 60
+    assert not set(seeds) & set(range(1000))
+    assert not set(seeds) & set(calibration.confirmation_seeds(COMMIT[::-1], 60))
+
+
+def test_right_deviations_hold_as_many_truths_as_they_say(tables) -> None:
+    rng = np.random.default_rng(0)
+    parts = tables.parts_of([row([float(e)], [0.1]) for e in 0.1 * rng.standard_normal(4000)])
+    assert [tables.coverage(parts, share) for share in tables.INTERVALS] == pytest.approx(tables.INTERVALS, abs=0.025)
+
+
+def test_a_part_without_a_modulus_is_counted_and_not_scored(tables) -> None:
+    rows = [row([0.01, None], [0.02, None], lower=[None, -0.5]), row([0.5, 0.3], [0.1, 0.2]), row([None, None], [None, None], lower=[0.1, -2.0])]
+    assert cell(tables, rows, "inside 2 sd") == "2 of 3"
+    assert cell(tables, rows, "beyond 3 sd") == "1 of 3"
+    assert cell(tables, rows, "parts at the clamp that are not identified") == "1 of 3"
+    assert cell(tables, rows, "outer parts that are not identified") == "2 of 3"
+    assert cell(tables, rows, "least moduli that are true") == "2 of 3"
+    assert cell(tables, rows, "and within a factor of 10") == "1 of 3"
+
+
+def test_a_run_that_ended_without_a_result_is_counted(tables) -> None:
+    rows = [row([0.0], [0.1]), row([None], [None], state="failed")]
+    assert cell(tables, rows, "runs that end without a result") == "1"
+    assert cell(tables, rows, "published parts inside 1 sd") == "1 of 1"
+
+
+def test_seeds_that_were_chosen_are_no_confirmation(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibration, "_full", lambda name: name)
+    (tmp_path / "run.json").write_text(json.dumps({"set": "confirmation", "commit": COMMIT, "seeds": [1, 2, 3]}))
+    with pytest.raises(InputError, match="not those of commit 8e3fe4a"):
+        calibration.rows_of(tmp_path, "any")
+
+
+def test_rows_of_other_sources_are_refused(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "run.json").write_text(json.dumps({"set": "choice", "commit": COMMIT, "seeds": [1]}))
+    (tmp_path / "results" / "g1-told-0123abcd").mkdir(parents=True)
+    monkeypatch.setattr(calibration, "read_status", lambda folder: SimpleNamespace(state="done", scored="x", version="other"))
+    with pytest.raises(InputError, match="other sources"):
+        calibration.rows_of(tmp_path, "these")
+
+
+def test_the_page_shows_the_tables_of_the_stored_rows(calibration) -> None:
+    assert calibration.main(["--check"]) == 0, "run: python benchmarks/calibration.py --tables"
+
+
+@pytest.mark.parametrize("words", [["OUT"], ["OUT", "--seeds", "1-2", "--confirm", "3"], ["OUT", "--seeds", "few"]])
+def test_a_run_without_one_set_of_seeds_is_refused(calibration, words: list[str], tmp_path: Path, capsys) -> None:
+    assert calibration.main([str(tmp_path), *words[1:]]) == 2
+    assert "--seeds" in capsys.readouterr().err
