@@ -126,7 +126,7 @@ class ForceProblem:
 
     def _least_squares(self, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (u,) of the design (T, d, u), and the residuals over sigma followed by those of the priors."""
-        matrix = np.concatenate([design[self.known].reshape(-1, design.shape[2]) / self.sigma_m, self._calm])
+        matrix = np.concatenate([*(design[self.known] / self.sigma_m), self._calm])
         target = self._target
         normal = matrix.T @ matrix + SINGULAR * np.eye(design.shape[2])
         unknown = solved(normal, matrix.T @ target)
