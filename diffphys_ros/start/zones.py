@@ -96,9 +96,9 @@ def zone_values(
     variance, precision = fit.told(misfit, physics)
     sd = np.sqrt(variance + _outside_variance(body, tracks, division, settings)) / np.log(10)
     sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
-    modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
-    values = values_of(Fit(evidence, modal, fit.support, physics, footprint), density_contrast=DENSITY_SD)
-    return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
+    tuned = Fit(evidence, modal, fit.support, physics, footprint).tuned
+    values = values_of(tuned, density_contrast=DENSITY_SD)
+    return Zoned(zoned, _told(values, sd, excess), tuned.modal, division.part, precision)
 
 
 @dataclass(frozen=True)
