@@ -71,6 +71,7 @@ class Replay:
         period_s: float,
         law: str,
         nodal: bool,
+        anchored: bool,
         borders: Borders,
         budget: float,
         frames: int,
@@ -79,9 +80,17 @@ class Replay:
         wp.init()
         self.substeps, self.nodal, self.budget, self.frames = substeps, nodal, budget, frames
         self.scratch = Scratch(
-            volume, grid, batch=batch, mean_mass=mean_mass, frame_s=period_s, nodal=nodal, borders=borders, substeps=substeps
+            volume,
+            grid,
+            batch=batch,
+            mean_mass=mean_mass,
+            frame_s=period_s,
+            nodal=nodal,
+            borders=borders,
+            substeps=substeps,
+            anchored=anchored,
         )
-        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes)
+        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes, anchored)
         self.whole_nodes = math.prod(grid.size)
         self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
         self._present: Tensor | None = None  # the boxes that scratch holds, where a frame remembers them
