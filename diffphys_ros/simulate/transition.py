@@ -179,6 +179,7 @@ class Simulator:
         density: Tensor | None = None,
         friction: Tensor | None = None,
         handle_path: Tensor | None = None,
+        anchor: State | None = None,
         number: int = 0,
     ) -> State:
         """The state one frame later; differentiable with respect to every tensor.
@@ -187,11 +188,13 @@ class Simulator:
         is a density [N/m^3 of rest volume] of shape (P, 3) (on nodes: (nx, ny, nz, 3); on a lattice: its shape), constant
         over the frame, `mass_damping` alpha [1/s] acts as the force density -alpha rho v. `friction` (planes,) replaces
         that of the planes; `handle_path` (substeps + 1, 4, 4) are the handle's poses body_from_handle at the substep
-        boundaries (substep_poses), else it stands. `number` names the frame in errors. Raises SimulationError.
+        boundaries (substep_poses), else it stands. `anchor`: the state at the start of the motion, where this is not its first frame and
+        the body is anchored; C is with respect to positions there, see `rollout`. `number` names the frame in errors. Raises SimulationError.
         """
         material = self._material(young, poisson, density)
-        after = self._step(state, self._anchor(state), material, force, self._drag(mass_damping), self._borders(friction, handle_path), number)
-        return after.restated(state) if self.anchored else after
+        rubbing, place = self._borders(friction, handle_path), self._anchor(anchor or state)
+        after = self._step(state, place, material, force, self._drag(mass_damping), rubbing, number)
+        return after.restated(state) if self.anchored and anchor is None else after
 
     def rollout(
         self, state: State, young: Tensor, poisson: Tensor, force: Tensor, mass_damping: Tensor | float, **options: Unpack[Options]
