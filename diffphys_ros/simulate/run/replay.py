@@ -135,7 +135,7 @@ class Replay:
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
-        return per_tape * max(1, self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + self.scratch.bytes()
+        return per_tape * max(1, self.plan.kept) + self.state_bytes * (self.plan.marks + 2 + self.variant.anchored) + self.scratch.bytes()
 
     def first_flag(self) -> tuple[int, int, np.ndarray]:
         """Of the last frame: the first simulation that left its bounds, the code of its flag and the position [m] (3,) of the
