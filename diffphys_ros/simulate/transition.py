@@ -22,6 +22,8 @@ from .stability import max_viscosity, max_young, raise_for_flag
 from .state import State
 
 SETTLING_DAMPING = 25.0  # of the frames that take a body into its static equilibrium [1/s]
+ANCHORED_PER_CELL = 1.55  # particles per cell and axis from which a lattice has no motions that strain no particle; those that have
+# creep along them under a steady force while weights stay
 FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
@@ -111,7 +113,7 @@ class Simulator:
         this order, `handle` moves what it holds.
         `anchored`: particles keep the weights that they have at the start of a rollout (total Lagrangian: de Vaucorbeil et al. 2020),
         so that x and F stay one motion however long it lasts. Where they do not, weights move along: what flows and what meets
-        planes or a handle needs that. None: anchored where possible. Raises InputError.
+        planes or a handle needs that. None: anchored where possible and where there are ANCHORED_PER_CELL particles. Raises InputError.
         """
         _check_name("law", law, LAWS)
         _check_name("force_on", force_on, FORCE_ON)
@@ -374,7 +376,8 @@ class Simulator:
         possible = self.law.elastic and not self.borders
         if wanted and not possible:
             raise InputError("anchored: what flows, and what meets planes or a handle, has weights that move along; leave `anchored` out")
-        return possible if wanted is None else wanted
+        per_cell = self.grid.dx / float(np.median(self.particles.volume)) ** (1 / 3)
+        return possible and per_cell >= ANCHORED_PER_CELL if wanted is None else wanted
 
     def _check_viscosity(self) -> None:
         viscosity = float(torch.as_tensor(self.law_parameters.get(VISCOSITY, 0.0)).detach().max())

@@ -97,7 +97,7 @@ def test_frame_by_frame_a_motion_is_its_rollout(told):
 @pytest.mark.parametrize("name", ["x", "F"])
 def test_the_gradient_along_the_start_that_a_whole_rollout_is_anchored_to_equals_central_differences(name):
     body = block((4, 3, 3), dx=0.02, per_cell=1.5, jitter=0.2)
-    sim = simulator(body, substeps=12, period_s=12 * 4e-4, gravity=(0.3, -9.81, 0.5))
+    sim = simulator(body, substeps=12, period_s=12 * 4e-4, gravity=(0.3, -9.81, 0.5), anchored=True)
     rng = np.random.default_rng(4)
     draw = lambda *shape: sim.tensor(rng.normal(size=shape))  # noqa: E731
     count = len(sim.volume)
@@ -119,5 +119,12 @@ def test_the_gradient_along_the_start_that_a_whole_rollout_is_anchored_to_equals
 @pytest.mark.parametrize("options", [{"law": "von_mises"}, {"planes": [Plane((0, 1, 0), -0.5)]}], ids=["flows", "meets a floor"])
 def test_what_flows_or_meets_a_floor_is_not_anchored(options):
     assert not beam(**options).anchored
+    assert beam().anchored
     with pytest.raises(InputError, match="leave `anchored` out"):
         beam(anchored=True, **options)
+
+
+@pytest.mark.parametrize(("per_cell", "anchored"), [(1.5, False), (2.0, True)])
+def test_particles_too_few_to_hold_every_motion_of_the_lattice_are_not_anchored(per_cell, anchored):
+    sim = simulator(block((4, 4, 4), dx=0.02, per_cell=per_cell), substeps=60, period_s=PERIOD_S)
+    assert sim.anchored == anchored

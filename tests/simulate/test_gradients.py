@@ -48,7 +48,7 @@ def case(
     substeps: int, *, law: str = "neo_hookean", budget_mb: float = 64.0, force_on: str = "particles", anchored: bool | None = None
 ) -> Case:
     body = block((4, 3, 3), dx=0.02, per_cell=1.5, jitter=0.2)
-    options = {"law": law, "memory_budget_mb": budget_mb, "gravity": GRAVITY, "force_on": force_on, "anchored": anchored}
+    options = {"law": law, "memory_budget_mb": budget_mb, "gravity": GRAVITY, "force_on": force_on, "anchored": LAWS[law].elastic if anchored is None else anchored}
     sim = simulator(body, substeps=substeps, period_s=substeps * DT, **options)
     rng, count = np.random.default_rng(1), len(sim.volume)
     draw = lambda *shape: sim.tensor(rng.normal(size=shape))  # noqa: E731
