@@ -220,5 +220,5 @@ def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: f
     simulate_s = frames * substeps * (count * rate + LEAST_SUBSTEP_S[kind])
     every = settings.experiment.image_every or int(np.clip(np.ceil(frames * render_s / (RENDER_SHARE * simulate_s)), 1, max(1, frames // 6)))
     seconds = STEPS_PER_ITERATION * (simulate_s + frames / every * render_s)
-    memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 6) + FORCE_BYTES * count * frames
+    memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 7) + FORCE_BYTES * count * frames
     return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds, ahead * FORWARD_SHARE * simulate_s, memory)

@@ -70,7 +70,7 @@ class Scratch:
     ):
         zeros, nodes, dt = volume.new_zeros, math.prod(grid.size), frame_s / substeps
         self.frame_s = frame_s
-        sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders), "anchored": anchored}
+        sizes: dict[str, Any] = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders), "anchored": anchored}
         self.volume, self.batch, self.real, self.planes = volume, batch, REAL[volume.dtype], max(1, len(borders.planes)) * bool(borders)
         self.pitch = 2 + self.planes if borders else 1
         self.every_volume = volume.repeat(batch)

@@ -1,6 +1,6 @@
 """The adjoint of one substep, by hand: the derivative of forward.py read backwards.
 
-    g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F
+    g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F or of the anchor
     grid_adjoint   adjoint of a node's velocity -> adjoints of its momentum and mass, and of the drag factor
     p2g_adjoint    adjoints of momentum and mass -> adjoints of a particle's state, constants, body force and mass
 
@@ -21,7 +21,7 @@ from .shared_inputs import Variant
 from .transfer import stencil, transfer
 
 # Warp reads annotations as values; mypy knows neither them nor what follows from them:
-# mypy: disable-error-code="attr-defined,valid-type"
+# mypy: disable-error-code="attr-defined,operator,valid-type"
 
 
 @cache

@@ -4,7 +4,8 @@
     grid    a node's velocity, written from index `at` on: drag, Dirichlet nodes; empties its momentum for the next substep
     g2p     nodes -> a particle's x, v, C, F in the next substep
 
-Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass).
+Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass). Anchored particles meet the grid where their anchor is (total
+Lagrangian MPM: de Vaucorbeil et al. 2020): C and the stress's directions are then those of the anchor.
 """
 
 from functools import cache
@@ -19,7 +20,7 @@ from .shared_inputs import Variant
 from .transfer import stencil, transfer
 
 # Warp reads annotations as values; mypy knows neither them nor what follows from them:
-# mypy: disable-error-code="attr-defined,valid-type"
+# mypy: disable-error-code="attr-defined,operator,valid-type"
 
 LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep * particles + particle) * 4 + reason
 
