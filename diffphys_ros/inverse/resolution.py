@@ -21,7 +21,7 @@ from ..types import Body
 # seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
 RATES = {"cpu": (8e-7, 0.06), "cuda": (2e-9, 0.004)}
 LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the particles
-GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.5), (3, 2.0), (3, 1.5), (2, 2.0), (2, 1.5))  # (cells over the thickness, particles per cell and axis), best first
+GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.6), (3, 2.0), (3, 1.6), (2, 2.0), (2, 1.5))  # (cells over the thickness, particles per cell and axis), best first
 TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly (docs/measurements/accuracy.md)
 LEAST_SPARSE = 3  # cells that a share of dense points is put on; coarser grids are for clips that are too dear for it
 SHOWN_COLUMNS = 4000  # of particles over the silhouette, at most, where nothing is simulated
@@ -220,5 +220,5 @@ def _plan_on(grid: Grid, body: Body, young: np.ndarray, frames: int, period_s: f
     simulate_s = frames * substeps * (count * rate + LEAST_SUBSTEP_S[kind])
     every = settings.experiment.image_every or int(np.clip(np.ceil(frames * render_s / (RENDER_SHARE * simulate_s)), 1, max(1, frames // 6)))
     seconds = STEPS_PER_ITERATION * (simulate_s + frames / every * render_s)
-    memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 6) + FORCE_BYTES * count * frames
+    memory = STATE_BYTES * count * (2 * frames + 2 * substeps**0.5 + 7) + FORCE_BYTES * count * frames
     return Plan(cells, per_cell, dx, substeps, settings.fit.iterations or WANTED_ITERATIONS, every, seconds, ahead * FORWARD_SHARE * simulate_s, memory)

@@ -33,7 +33,7 @@ class State:
 
     @property
     def C(self) -> Tensor:  # noqa: N802 (the field's name)
-        """Affine velocity gradients (APIC) [1/s], shape (..., P, 3, 3)."""
+        """Affine velocity gradients (APIC) [1/s], shape (..., P, 3, 3); of an anchored rollout with respect to positions at its start."""
         return self.data[..., 6:15].unflatten(-1, (3, 3))
 
     @property
@@ -45,6 +45,10 @@ class State:
         """The same state with some of its parts exchanged; differentiable."""
         pick = (self.x if x is None else x, self.v if v is None else v, self.C if C is None else C, self.F if F is None else F)
         return State.assemble(*pick)
+
+    def restated(self, anchor: State) -> State:
+        """The same state with C with respect to the positions it has, where it was so to those in `anchor`; differentiable."""
+        return self.replace(C=self.C @ anchor.F @ torch.linalg.inv(self.F))
 
     def detach(self) -> State:
         """The same values without their history."""

@@ -22,6 +22,8 @@ from .stability import max_viscosity, max_young, raise_for_flag
 from .state import State
 
 SETTLING_DAMPING = 25.0  # of the frames that take a body into its static equilibrium [1/s]
+ANCHORED_PER_CELL = 1.55  # particles per cell and axis from which a lattice has no motions that strain no particle; those that have
+# creep along them under a steady force while weights stay
 FORCE_ON = ("particles", "nodes", "lattice")
 
 AfterFrame = Callable[[State], State]
@@ -97,6 +99,7 @@ class Simulator:
         planes: Sequence[Plane] = (),
         handle: Handle | None = None,
         batch: int | None = None,
+        anchored: bool | None = None,
         memory_budget_mb: float = 512.0,
         frames: int = 0,
     ):
@@ -107,7 +110,10 @@ class Simulator:
         `force_on` "particles", "nodes" or "lattice" says where force densities live (paper Eq. 9: nodes). Node i receives
         f(x_i) sum_p w_ip V_p and particle p receives f_p V_p: a uniform f adds up to f V either way. A lattice of
         `force_lattice` nodes along each axis (see ForceLattice) is read at the nodes. `planes` are floor and walls, met in
-        this order, `handle` moves what it holds. Raises InputError.
+        this order, `handle` moves what it holds.
+        `anchored`: particles keep the weights that they have at the start of a rollout (total Lagrangian: de Vaucorbeil et al. 2020),
+        so that x and F stay one motion however long it lasts. Where they do not, weights move along: what flows and what meets
+        planes or a handle needs that. None: anchored where possible and where there are ANCHORED_PER_CELL particles. Raises InputError.
         """
         _check_name("law", law, LAWS)
         _check_name("force_on", force_on, FORCE_ON)
@@ -133,6 +139,7 @@ class Simulator:
         self.nodal = force_on != "particles"
         self.force_lattice = ForceLattice(grid, force_lattice, **self.options) if force_on == "lattice" else None
         self.borders = Borders(tuple(planes), handle)
+        self.anchored = self._check_anchored(anchored)
         self._standing = self._stand()
         self.replay = Replay(
             self.x_rest,
@@ -144,6 +151,7 @@ class Simulator:
             period_s=self.period_s,
             law=law,
             nodal=self.nodal,
+            anchored=self.anchored,
             borders=self.borders,
             budget=memory_budget_mb * 2**20,
             frames=frames,
@@ -173,6 +181,7 @@ class Simulator:
         density: Tensor | None = None,
         friction: Tensor | None = None,
         handle_path: Tensor | None = None,
+        anchor: State | None = None,
         number: int = 0,
     ) -> State:
         """The state one frame later; differentiable with respect to every tensor.
@@ -181,16 +190,21 @@ class Simulator:
         is a density [N/m^3 of rest volume] of shape (P, 3) (on nodes: (nx, ny, nz, 3); on a lattice: its shape), constant
         over the frame, `mass_damping` alpha [1/s] acts as the force density -alpha rho v. `friction` (planes,) replaces
         that of the planes; `handle_path` (substeps + 1, 4, 4) are the handle's poses body_from_handle at the substep
-        boundaries (substep_poses), else it stands. `number` names the frame in errors. Raises SimulationError.
+        boundaries (substep_poses), else it stands. `anchor`: the state at the start of the motion, where this is not its first frame and
+        the body is anchored; C is with respect to positions there, see `rollout`. `number` names the frame in errors. Raises SimulationError.
         """
         material = self._material(young, poisson, density)
-        return self._step(state, material, force, self._drag(mass_damping), self._borders(friction, handle_path), number)
+        rubbing, place = self._borders(friction, handle_path), self._anchor(anchor or state)
+        after = self._step(state, place, material, force, self._drag(mass_damping), rubbing, number)
+        return after.restated(state) if self.anchored and anchor is None else after
 
     def rollout(
         self, state: State, young: Tensor, poisson: Tensor, force: Tensor, mass_damping: Tensor | float, **options: Unpack[Options]
     ) -> State:
         """States at all T frames, as one State of shape (T, P, 24), in a batch (T, B, P, 24); the first is `state`.
 
+        Where the body is anchored, C of a state is the gradient with respect to the positions in `state`; `restated` makes it that
+        with respect to its own, for a rollout that goes on from there.
         `force` has shape (T - 1, P, 3), in a batch also (T - 1, B, P, 3): force[k] acts between frames k and k + 1; for
         `options` see Options. Else as in `frame`.
         """
@@ -204,11 +218,14 @@ class Simulator:
         paths = self._paths(options.get("handle_poses"), len(force))
         cut_every, push = options.get("cut_every"), options.get("push")
         after_frame, report = options.get("after_frame"), options.get("report")
+        anchor = self._anchor(state)
         yield state
         for k, density_of_force in enumerate(force):
-            before = state.detach() if cut_every and k and k % cut_every == 0 else state
+            before = state
+            if cut_every and k and k % cut_every == 0:
+                before, anchor = state.detach(), anchor.detach()
             acting = density_of_force + push(before, k) if push else density_of_force
-            after = self._step(before, material, acting, drag, self._borders(options.get("friction"), paths[k]), k)
+            after = self._step(before, anchor, material, acting, drag, self._borders(options.get("friction"), paths[k]), k)
             state = after_frame(after) if after_frame else after
             yield state
             if report:
@@ -231,8 +248,10 @@ class Simulator:
         take up what the lattice does otherwise; velocities end at zero. Measure displacements from the state returned.
         """
         state = self.rest(F=torch.eye(3, **self.options) + 0.5 * (displacement_gradient + displacement_gradient.mT))
+        anchor, drag = self._anchor(state), self._drag(SETTLING_DAMPING)
+        material, borders = self._material(young, poisson, density), self._borders(friction, None)
         for k in range(frames):
-            state = self.frame(state, young, poisson, None, SETTLING_DAMPING, density=density, friction=friction, number=k - frames)
+            state = self._step(state, anchor, material, None, drag, borders, k - frames)
         return state.replace(v=torch.zeros_like(state.v), C=torch.zeros_like(state.C))
 
     def max_young(self, substeps: int | None = None) -> float:
@@ -311,6 +330,7 @@ class Simulator:
     def _step(
         self,
         state: State,
+        anchor: Tensor,
         material: tuple[Tensor, Tensor, Tensor],
         force: Tensor | None,
         drag: Tensor,
@@ -327,7 +347,7 @@ class Simulator:
             node_force = node_force.new_zeros(1, 3).expand(math.prod(self.grid.size), 3)
         loads = self._each(body, *self.x_rest.shape), mass, drag, self._each(node_force, *node_force.shape[-2:])
         data = state.data if self._lead else state.data[None]
-        after = _Frame.apply(self.replay, data.contiguous(), of_law, *loads, *borders)
+        after = _Frame.apply(self.replay, data.contiguous(), of_law, *loads, *borders, anchor)
         if self.replay.flagged:
             self._raise(number, of_law.detach())
         return State(after if self._lead else after[0])
@@ -345,6 +365,19 @@ class Simulator:
             allowed=self.max_young(),
             simulation=simulation if self._lead else None,
         )
+
+    def _anchor(self, state: State) -> Tensor:
+        """Inputs.anchor of motions that start from a state."""
+        if not self.anchored:
+            return self.volume.new_zeros(self.batch, 0, 12)
+        return self._each(torch.cat([state.x, state.F.flatten(-2)], -1), len(self.volume), 12)
+
+    def _check_anchored(self, wanted: bool | None) -> bool:
+        possible = self.law.elastic and not self.borders
+        if wanted and not possible:
+            raise InputError("anchored: what flows, and what meets planes or a handle, has weights that move along; leave `anchored` out")
+        per_cell = self.grid.dx / float(np.median(self.particles.volume)) ** (1 / 3)
+        return possible and per_cell >= ANCHORED_PER_CELL if wanted is None else wanted
 
     def _check_viscosity(self) -> None:
         viscosity = float(torch.as_tensor(self.law_parameters.get(VISCOSITY, 0.0)).detach().max())

@@ -29,7 +29,7 @@ def prototype(body) -> Prototype:
 
 def ours(body, v: np.ndarray, F: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, ...]:
     """Last positions, and the gradients with respect to Young's moduli, start positions, velocities and deformation."""
-    sim = simulator(body, substeps=SUBSTEPS, period_s=SUBSTEPS * DT, gravity=GRAVITY)
+    sim = simulator(body, substeps=SUBSTEPS, period_s=SUBSTEPS * DT, gravity=GRAVITY, anchored=False)
     young = torch.full_like(sim.volume, YOUNG, requires_grad=True)
     start = [a.clone().requires_grad_() for a in (sim.x_rest, sim.tensor(v), sim.tensor(F))]
     after = sim.frame(sim.rest(x=start[0], v=start[1], F=start[2]), young, sim.tensor(POISSON), None, 0.7)

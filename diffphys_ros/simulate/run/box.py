@@ -42,11 +42,11 @@ def rest_nodes(grid: Grid, x: np.ndarray) -> int:
 @cache
 def enclosing(real: type, bordered: bool) -> SimpleNamespace:
     """Kernels `reach`, over particles, and `settle`, over simulations: boxes with room to move for a frame at the speeds at
-    its start, and a cell more. A box of more nodes than `room`, or of too few, is a single node instead, so that a flag
+    its start, or around the anchors of particles that keep their weights, and a cell more. A box of more nodes than `room`, or of too few, is a single node instead, so that a flag
     rises; the last entry of `flags` says how many the largest would need."""
     t, World = common(real), world_of(real, bordered).World
     nowhere, no_flag = wp.constant(wp.int32(NOWHERE[0])), wp.constant(wp.int64(NO_FLAG))
-    recall = t.recall
+    recall, get = t.recall, t.get
     module = wp.get_module(f"diffphys_ros.simulate.box_{real.__name__}" + "_bordered" * bordered)
     module.options |= {"enable_backward": False}
 
@@ -67,14 +67,17 @@ def enclosing(real: type, bordered: bool) -> SimpleNamespace:
             wp.atomic_max(extents, simulation, 3 + axis, high)
 
     @wp.kernel(enable_backward=False, module=module)
-    def reach(world: World, states: t.States, frame_s: real, extents: wp.array2d(dtype=int), flags: wp.array(dtype=wp.int64)):
+    def reach(world: World, states: t.States, frame_s: real, anchored: int, extents: wp.array2d(dtype=int), flags: wp.array(dtype=wp.int64)):
         p = wp.tid()
         simulation = p // world.particles
         a, b = recall(states, 0, 6 * p), recall(states, 0, 6 * p + 1)
+        vx, way_s = a[3], frame_s
+        if anchored != 0:
+            a, way_s = get(world.materials.anchor, 3 * p), real(0.0)
         o, dx = world.grid.origin, world.grid.dx
-        widen(extents, simulation, 0, (a[0] - o[0]) / dx, a[3] * frame_s / dx, world.grid.nx)
-        widen(extents, simulation, 1, (a[1] - o[1]) / dx, b[0] * frame_s / dx, world.grid.ny)
-        widen(extents, simulation, 2, (a[2] - o[2]) / dx, b[1] * frame_s / dx, world.grid.nz)
+        widen(extents, simulation, 0, (a[0] - o[0]) / dx, vx * way_s / dx, world.grid.nx)
+        widen(extents, simulation, 1, (a[1] - o[1]) / dx, b[0] * way_s / dx, world.grid.ny)
+        widen(extents, simulation, 2, (a[2] - o[2]) / dx, b[1] * way_s / dx, world.grid.nz)
         if p == 0:
             flags[world.drag.shape[0]] = wp.int64(0)
 

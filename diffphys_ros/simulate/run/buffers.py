@@ -36,19 +36,21 @@ class Inputs:
     friction: Tensor  # of each plane, shape (B, planes)
     motion: Tensor  # velocity of the nodes that the handle holds is motion (x, 1) [1/s, m/s], shape (B, substeps, 3, 4)
     handle_from_body: Tensor  # at each substep, shape (B, substeps, 3, 4); without gradient
+    anchor: Tensor  # x [m] and F where particles had the weights that they keep, shape (B, P, 12); no particles where they keep none
 
     @classmethod
-    def zeros_like(cls, volume: Tensor, batch: int, *, loaded_nodes: int, planes: int, substeps: int) -> Inputs:
+    def zeros_like(cls, volume: Tensor, batch: int, *, loaded_nodes: int, planes: int, substeps: int, anchored: bool) -> Inputs:
         """All zero, for particles of the given volumes (P,)."""
         count, path = len(volume), (substeps, 3, 4)
-        shapes = [(batch, *s) for s in ((count, 4), (count, 3), (count,), (), (loaded_nodes, 3), (planes,), path, path)]
+        shapes = [(batch, *s) for s in ((count, 4), (count, 3), (count,), (), (loaded_nodes, 3), (planes,), path, path, (count * anchored, 12))]
         sizes = [math.prod(shape) for shape in shapes]
         parts = volume.new_zeros(sum(_aligned(n) for n in sizes)).split([_aligned(n) for n in sizes])
         return cls(*(part[:n].view(shape) for part, n, shape in zip(parts, sizes, shapes, strict=True)))
 
     def tensors(self) -> tuple[Tensor, ...]:
         """The fields in order."""
-        return self.constants, self.body, self.mass, self.drag, self.node_force, self.friction, self.motion, self.handle_from_body
+        of_material = self.constants, self.body, self.mass, self.drag
+        return *of_material, self.node_force, self.friction, self.motion, self.handle_from_body, self.anchor
 
     def zero_(self) -> None:
         """All zero, in one go."""
@@ -64,11 +66,11 @@ class Scratch:
     """Inputs, adjoints and flags of all simulations, and nodal arrays that grow with the boxes."""
 
     def __init__(
-        self, volume: Tensor, grid: Grid, *, batch: int, mean_mass: float, frame_s: float, nodal: bool, borders: Borders, substeps: int
+        self, volume: Tensor, grid: Grid, *, batch: int, mean_mass: float, frame_s: float, nodal: bool, borders: Borders, substeps: int, anchored: bool
     ):
         zeros, nodes, dt = volume.new_zeros, math.prod(grid.size), frame_s / substeps
         self.frame_s = frame_s
-        sizes = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders)}
+        sizes: dict[str, Any] = {"loaded_nodes": nodes * nodal, "planes": len(borders.planes), "substeps": substeps * bool(borders), "anchored": anchored}
         self.volume, self.batch, self.real, self.planes = volume, batch, REAL[volume.dtype], max(1, len(borders.planes)) * bool(borders)
         self.pitch = 2 + self.planes if borders else 1
         self.every_volume = volume.repeat(batch)
@@ -174,6 +176,7 @@ class Scratch:
         m, see = common(self.real).Materials(), self.see
         m.constants, m.body, m.mass = see(i.constants, 4), see(i.body, 3), see(i.mass)
         m.volume, m.node_force = see(self.every_volume), see(i.node_force, 3)
+        m.anchor = see(i.anchor, 4)
         return m
 
     def _borders(self, borders: Borders, i: Inputs) -> Any:

@@ -51,7 +51,7 @@ class View:
         s, kernels = self.scratch, enclosing(self.variant.real, self.variant.bordered)
         extents, flags, count = wp.from_torch(s.extents), s.see(s.flags), s.batch * len(s.volume)
         return [
-            self.launch(kernels.reach, count, [s.world, s.states(self.states), s.frame_s, extents, flags]),
+            self.launch(kernels.reach, count, [s.world, s.states(self.states), s.frame_s, int(self.variant.anchored), extents, flags]),
             self.launch(kernels.settle, s.batch, [s.world, room, extents, flags]),
         ]
 

@@ -71,6 +71,7 @@ class Replay:
         period_s: float,
         law: str,
         nodal: bool,
+        anchored: bool,
         borders: Borders,
         budget: float,
         frames: int,
@@ -79,9 +80,17 @@ class Replay:
         wp.init()
         self.substeps, self.nodal, self.budget, self.frames = substeps, nodal, budget, frames
         self.scratch = Scratch(
-            volume, grid, batch=batch, mean_mass=mean_mass, frame_s=period_s, nodal=nodal, borders=borders, substeps=substeps
+            volume,
+            grid,
+            batch=batch,
+            mean_mass=mean_mass,
+            frame_s=period_s,
+            nodal=nodal,
+            borders=borders,
+            substeps=substeps,
+            anchored=anchored,
         )
-        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes)
+        self.variant = Variant(law, self.scratch.real, nodal, bool(borders), self.scratch.planes, anchored)
         self.whole_nodes = math.prod(grid.size)
         self.state_bytes = volume.element_size() * WIDTH * batch * len(volume)
         self._present: Tensor | None = None  # the boxes that scratch holds, where a frame remembers them
@@ -126,7 +135,7 @@ class Replay:
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
-        return per_tape * max(1, self.plan.kept) + self.state_bytes * (self.plan.marks + 2) + self.scratch.bytes()
+        return per_tape * max(1, self.plan.kept) + self.state_bytes * (self.plan.marks + 2 + self.variant.anchored) + self.scratch.bytes()
 
     def first_flag(self) -> tuple[int, int, np.ndarray]:
         """Of the last frame: the first simulation that left its bounds, the code of its flag and the position [m] (3,) of the

@@ -1,6 +1,6 @@
 """The adjoint of one substep, by hand: the derivative of forward.py read backwards.
 
-    g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F
+    g2p_adjoint    adjoint of a particle's next state -> adjoint of nodal velocities, parts of the adjoints of x and F or of the anchor
     grid_adjoint   adjoint of a node's velocity -> adjoints of its momentum and mass, and of the drag factor
     p2g_adjoint    adjoints of momentum and mass -> adjoints of a particle's state, constants, body force and mass
 
@@ -21,16 +21,17 @@ from .shared_inputs import Variant
 from .transfer import stencil, transfer
 
 # Warp reads annotations as values; mypy knows neither them nor what follows from them:
-# mypy: disable-error-code="attr-defined,valid-type"
+# mypy: disable-error-code="attr-defined,operator,valid-type"
 
 
 @cache
 def adjoint(variant: Variant) -> SimpleNamespace:
     """Warp functions g2p_adjoint, grid_adjoint, p2g_adjoint."""
     real, bordered, pitch = variant.real, variant.bordered, variant.pitch
-    model, t, momentum_field = law_of(variant.law, real), common(real), forward(variant).momentum_field
+    model, t, part = law_of(variant.law, real), common(real), forward(variant)
+    momentum_field, met_at, stress = part.momentum_field, part.met_at, model.stress
     stress_adjoint, viscous_stress_adjoint, project_adjoint = model.stress_adjoint, model.viscous_stress_adjoint, model.project_adjoint
-    vec3, vec4, mat33, Lattice, Particle, Material = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material
+    vec3, vec4, mat33, Lattice, Particle, Material, Anchor = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material, t.Anchor
     cell, affine, gradient, lift, lower = t.cell, t.affine, t.gradient, t.lift, t.lower
     get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
@@ -44,10 +45,12 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         particle: Particle,
         following: Particle,
         material: Material,
+        anchor: Anchor,
         at: int,
         velocity: wp.array(dtype=vec4),
         bar: Particle,
         material_bar: Material,
+        anchor_bar: Anchor,
         velocity_bar: wp.array(dtype=vec4),
     ):
         """`bar` holds the adjoint of the `following` state; returns what of it the nodes do not pass on."""
@@ -56,12 +59,23 @@ def adjoint(variant: Variant) -> SimpleNamespace:
             F_trial = particle.F + lattice.dt * (following.C * particle.F)
             F_bar, constants_bar = project_adjoint(F_trial, material.constants, bar.F)
             material_bar.constants = material_bar.constants + constants_bar
-        Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(particle.F)))
+        carried = particle.F
+        if wp.static(variant.anchored):
+            carried = anchor.F
+        Q = (lattice.affine * lattice.dx) * (bar.C + lattice.dt * (F_bar * wp.transpose(carried)))
         field = affine(bar.v + lattice.dt * bar.x, real(0.0), Q)
-        stencil = around(lattice, cell(lattice, particle.x))
+        stencil = around(lattice, cell(lattice, met_at(particle, anchor)))
         _, slope = scatter_slope(stencil, field, velocity, at, velocity_bar, Load())
-        x_bar = bar.x + (slope - wp.transpose(Q) * following.v) / lattice.dx
-        return Particle(x_bar, vec3(), mat33(), F_bar + lattice.dt * (wp.transpose(following.C) * F_bar)), material_bar
+        moved = (slope - wp.transpose(Q) * following.v) / lattice.dx
+        stretched = lattice.dt * (wp.transpose(following.C) * F_bar)
+        x_bar = bar.x
+        if wp.static(variant.anchored):
+            anchor_bar.x = anchor_bar.x + moved
+            anchor_bar.F = anchor_bar.F + stretched
+        else:
+            x_bar = x_bar + moved
+            F_bar = F_bar + stretched
+        return Particle(x_bar, vec3(), mat33(), F_bar), material_bar, anchor_bar
 
     @wp.func
     def grid_adjoint(
@@ -98,36 +112,57 @@ def adjoint(variant: Variant) -> SimpleNamespace:
         drag_bar[m] = drag_bar[m] + along
 
     @wp.func
+    def pulled_adjoint(tau: mat33, F: mat33, anchor: Anchor, bar: mat33):
+        """(tau_bar, F_bar, adjoint of the anchor's F) of forward.py's `pulled`."""
+        K = wp.transpose(wp.inverse(F))
+        H_bar = wp.transpose(tau) * bar
+        tau_bar = bar * (anchor.F * wp.transpose(K))
+        return tau_bar, -(K * wp.transpose(H_bar * anchor.F)) * K, wp.transpose(H_bar) * K
+
+    @wp.func
     def p2g_adjoint(
         lattice: Lattice,
         particle: Particle,
         material: Material,
+        anchor: Anchor,
         node_force: wp.array(dtype=vec3),
         momentum_bar: wp.array(dtype=vec4),
         bar: Particle,
         material_bar: Material,
+        anchor_bar: Anchor,
         node_force_bar: wp.array(dtype=vec3),
     ):
         """`bar` holds what g2p_adjoint returned; returns the adjoint of the state, and `material_bar` with this substep's share."""
         impulse, mass = lattice.dt * material.volume, material.mass
-        field = momentum_field(lattice, particle, material)
+        field = momentum_field(lattice, particle, material, anchor)
         load = Load(impulse, node_force, node_force_bar)
-        stencil = around(lattice, cell(lattice, particle.x))
+        stencil = around(lattice, cell(lattice, met_at(particle, anchor)))
         moments, slope = gather_slope(stencil, field, momentum_bar, 0, momentum_bar, load)
         b_bar = lower(moments.b)
         A_bar = lattice.dx * gradient(moments)
         tau_bar = (-lattice.affine * impulse) * A_bar
         C_bar = mass * A_bar
+        through_pull = mat33()
+        if wp.static(variant.anchored):
+            tau = stress(particle.F, material.constants)
+            tau_bar, through_pull, pull_bar = pulled_adjoint(tau, particle.F, anchor, tau_bar)
+            anchor_bar.F = anchor_bar.F + pull_bar
         F_bar, constants_bar = stress_adjoint(particle.F, material.constants, tau_bar)
+        F_bar = F_bar + through_pull
         if wp.static(viscous_stress_adjoint is not None):
             through_F, through_C, through_constants = viscous_stress_adjoint(particle.F, particle.C, material.constants, tau_bar)
             F_bar = F_bar + through_F
             C_bar = C_bar + through_C
             constants_bar = constants_bar + through_constants
-        x_bar = bar.x + (slope - wp.transpose(gradient(field)) * b_bar) / lattice.dx
+        moved = (slope - wp.transpose(gradient(field)) * b_bar) / lattice.dx
+        x_bar = bar.x
+        if wp.static(variant.anchored):
+            anchor_bar.x = anchor_bar.x + moved
+        else:
+            x_bar = x_bar + moved
         material_bar.constants = material_bar.constants + constants_bar
         material_bar.body = material_bar.body + impulse * b_bar
         material_bar.mass = material_bar.mass + moments.b[3] + wp.dot(b_bar, particle.v) + wp.ddot(A_bar, particle.C)
-        return Particle(x_bar, mass * b_bar, C_bar, bar.F + F_bar), material_bar
+        return Particle(x_bar, mass * b_bar, C_bar, bar.F + F_bar), material_bar, anchor_bar
 
     return SimpleNamespace(g2p_adjoint=g2p_adjoint, grid_adjoint=grid_adjoint, p2g_adjoint=p2g_adjoint)

@@ -43,6 +43,7 @@ def common(real: type) -> SimpleNamespace:
         volume: wp.array(dtype=real)
         mass: wp.array(dtype=real)
         node_force: wp.array(dtype=vec3)
+        anchor: wp.array(dtype=vec4)  # x and F of a particle in its anchor, three each; empty where weights move along
 
     @wp.struct
     class Particle:  # the state of one, or its adjoint
@@ -57,6 +58,11 @@ def common(real: type) -> SimpleNamespace:
         body: vec3
         volume: real
         mass: real
+
+    @wp.struct
+    class Anchor:  # where a particle had the weights that it keeps, or the adjoint of that
+        x: vec3
+        F: mat33
 
     @wp.struct
     class Affine:  # the field b + x d_x + y d_y + z d_z of the distance d from a point in cells, or the moments of one
@@ -119,5 +125,17 @@ def common(real: type) -> SimpleNamespace:
         put(materials.constants, p, material.constants)
         materials.body[p] = material.body
         materials.mass[p] = material.mass
+
+    @wp.func
+    def anchor_of(materials: Materials, p: int):
+        a, b, c = get(materials.anchor, 3 * p), get(materials.anchor, 3 * p + 1), get(materials.anchor, 3 * p + 2)
+        return Anchor(vec3(a[0], a[1], a[2]), mat33(a[3], b[0], b[1], b[2], b[3], c[0], c[1], c[2], c[3]))  # type: ignore[call-arg]
+
+    @wp.func
+    def put_anchor(materials: Materials, p: int, anchor: Anchor):
+        x, F = anchor.x, anchor.F
+        put(materials.anchor, 3 * p, vec4(x[0], x[1], x[2], F[0, 0]))
+        put(materials.anchor, 3 * p + 1, vec4(F[0, 1], F[0, 2], F[1, 0], F[1, 1]))
+        put(materials.anchor, 3 * p + 2, vec4(F[1, 2], F[2, 0], F[2, 1], F[2, 2]))
 
     return SimpleNamespace(**(locals() | vars(vectors)))

@@ -4,7 +4,8 @@
     grid    a node's velocity, written from index `at` on: drag, Dirichlet nodes; empties its momentum for the next substep
     g2p     nodes -> a particle's x, v, C, F in the next substep
 
-Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass).
+Nodes hold 4-vectors: momentum and mass, or velocity and (drag / mass). Anchored particles meet the grid where their anchor is (total
+Lagrangian MPM: de Vaucorbeil et al. 2020): C and the stress's directions are then those of the anchor.
 """
 
 from functools import cache
@@ -19,7 +20,7 @@ from .shared_inputs import Variant
 from .transfer import stencil, transfer
 
 # Warp reads annotations as values; mypy knows neither them nor what follows from them:
-# mypy: disable-error-code="attr-defined,valid-type"
+# mypy: disable-error-code="attr-defined,operator,valid-type"
 
 LEFT_GRID, INVERTED, NON_FINITE = 0, 1, 2  # what a flag says: code = (substep * particles + particle) * 4 + reason
 
@@ -30,7 +31,7 @@ def forward(variant: Variant) -> SimpleNamespace:
     real, bordered, pitch = variant.real, variant.bordered, variant.pitch
     model, t = law_of(variant.law, real), common(real)
     stress, viscous_stress, project = model.stress, model.viscous_stress, model.project
-    vec3, vec4, Lattice, Particle, Material, Affine = t.vec3, t.vec4, t.Lattice, t.Particle, t.Material, t.Affine
+    vec3, vec4, mat33, Lattice, Particle, Material, Anchor, Affine = t.vec3, t.vec4, t.mat33, t.Lattice, t.Particle, t.Material, t.Anchor, t.Affine
     cell, inside, affine, gradient, lift, lower = t.cell, t.inside, t.affine, t.gradient, t.lift, t.lower
     get, put = t.get, t.put
     around, Load = stencil(real).around, stencil(real).Load
@@ -38,12 +39,27 @@ def forward(variant: Variant) -> SimpleNamespace:
     scatter, gather = transfer(real, scatters=True, loaded=variant.nodal), transfer(real, gathers=True, pitch=pitch)
 
     @wp.func
-    def momentum_field(lattice: Lattice, particle: Particle, material: Material):
+    def met_at(particle: Particle, anchor: Anchor):
+        """Where a particle meets the grid."""
+        x = particle.x
+        if wp.static(variant.anchored):
+            x = anchor.x
+        return x
+
+    @wp.func
+    def pulled(tau: mat33, F: mat33, anchor: Anchor):
+        """Kirchhoff stress as a force in the anchor's directions: tau (F F_anchor^-1)^-T."""
+        return tau * (wp.transpose(wp.inverse(F)) * wp.transpose(anchor.F))
+
+    @wp.func
+    def momentum_field(lattice: Lattice, particle: Particle, material: Material, anchor: Anchor):
         """What a particle gives its nodes, per weight: momentum and mass over the distance in cells."""
         impulse = lattice.dt * material.volume
         tau = stress(particle.F, material.constants)
         if wp.static(viscous_stress is not None):
             tau = tau + viscous_stress(particle.F, particle.C, material.constants)
+        if wp.static(variant.anchored):
+            tau = pulled(tau, particle.F, anchor)
         A = material.mass * particle.C - (lattice.affine * impulse) * tau
         return affine(material.mass * particle.v + impulse * material.body, material.mass, lattice.dx * A)
 
@@ -52,14 +68,15 @@ def forward(variant: Variant) -> SimpleNamespace:
         lattice: Lattice,
         particle: Particle,
         material: Material,
+        anchor: Anchor,
         node_force: wp.array(dtype=vec3),
         momentum: wp.array(dtype=vec4),
     ):
         load = Load()
         load.factor = lattice.dt * material.volume
         load.force = node_force
-        stencil = around(lattice, cell(lattice, particle.x))
-        scatter(stencil, momentum_field(lattice, particle, material), momentum, 0, momentum, load)
+        stencil = around(lattice, cell(lattice, met_at(particle, anchor)))
+        scatter(stencil, momentum_field(lattice, particle, material, anchor), momentum, 0, momentum, load)
 
     @wp.func
     def grid(
@@ -93,21 +110,24 @@ def forward(variant: Variant) -> SimpleNamespace:
             put(velocity, place, lift(meet(lattice, borders, substep, n, v, velocity, place + 2), scale))
 
     @wp.func
-    def g2p(lattice: Lattice, particle: Particle, material: Material, at: int, velocity: wp.array(dtype=vec4)):
-        stencil = around(lattice, cell(lattice, particle.x))
+    def g2p(lattice: Lattice, particle: Particle, material: Material, anchor: Anchor, at: int, velocity: wp.array(dtype=vec4)):
+        stencil = around(lattice, cell(lattice, met_at(particle, anchor)))
         moments, _ = gather(stencil, Affine(), velocity, at, velocity, Load())
         v = lower(moments.b)
         C = (lattice.affine * lattice.dx) * gradient(moments)
-        F = particle.F + lattice.dt * (C * particle.F)
+        carried = particle.F
+        if wp.static(variant.anchored):
+            carried = anchor.F
+        F = particle.F + lattice.dt * (C * carried)
         if wp.static(project is not None):
             F = project(F, material.constants)
         return Particle(particle.x + lattice.dt * v, v, C, F)
 
     @wp.func
-    def check(p: int, particles: int, lattice: Lattice, after: Particle, substep: int, flags: wp.array(dtype=wp.int64)):
+    def check(p: int, particles: int, lattice: Lattice, after: Particle, anchor: Anchor, substep: int, flags: wp.array(dtype=wp.int64)):
         """Note the first particle of a simulation whose next state no longer makes sense."""
         ratio = wp.determinant(after.F)
-        if not (inside(lattice, cell(lattice, after.x)) and ratio > real(0.0) and wp.isfinite(ratio)):
+        if not (inside(lattice, cell(lattice, met_at(after, anchor))) and ratio > real(0.0) and wp.isfinite(ratio)):
             reason = wp.int64(LEFT_GRID)
             if ratio <= real(0.0):
                 reason = wp.int64(INVERTED)
@@ -116,4 +136,4 @@ def forward(variant: Variant) -> SimpleNamespace:
             code = (wp.int64(substep) * wp.int64(particles) + wp.int64(p % particles)) * wp.int64(4) + reason
             wp.atomic_min(flags, p // particles, code)
 
-    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p, check=check, momentum_field=momentum_field)
+    return SimpleNamespace(p2g=p2g, grid=grid, g2p=g2p, check=check, momentum_field=momentum_field, met_at=met_at)

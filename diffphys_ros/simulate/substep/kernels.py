@@ -36,12 +36,15 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
     """Warp functions over particle p of all: `begin` a run of substeps, `advance` to the next slot and begin from there."""
     part, t, World = forward(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
+    anchor_of, Anchor = t.anchor_of, t.Anchor
     tell = approach(variant.real).tell if variant.planes else None
 
     @wp.func
     def begin(p: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
-        particle, material = load(states, slot, p), material_of(world.materials, p)
-        p2g(lattice, particle, material, world.materials.node_force, momentum)
+        particle, material, anchor = load(states, slot, p), material_of(world.materials, p), Anchor()
+        if wp.static(variant.anchored):
+            anchor = anchor_of(world.materials, p)
+        p2g(lattice, particle, material, anchor, world.materials.node_force, momentum)
         if wp.static(tell is not None):
             tell(lattice, particle.x, material.volume, world.borders)  # type: ignore[misc]
 
@@ -60,12 +63,14 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
         momentum: wp.array(dtype=t.vec4),
         flags: wp.array(dtype=wp.int64),
     ):
-        material = material_of(world.materials, p)
-        after = g2p(lattice, load(states, slot, p), material, at, velocity)
+        material, anchor = material_of(world.materials, p), Anchor()
+        if wp.static(variant.anchored):
+            anchor = anchor_of(world.materials, p)
+        after = g2p(lattice, load(states, slot, p), material, anchor, at, velocity)
         store(states, next_slot, p, after)
-        check(p, world.particles, lattice, after, substep, flags)
+        check(p, world.particles, lattice, after, anchor, substep, flags)
         if not ends:
-            p2g(lattice, after, material, world.materials.node_force, momentum)
+            p2g(lattice, after, material, anchor, world.materials.node_force, momentum)
             if wp.static(tell is not None):
                 tell(lattice, after.x, material.volume, world.borders)  # type: ignore[misc]
 
@@ -78,6 +83,7 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     part, t, World = adjoint(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     g2p_adjoint, p2g_adjoint = part.g2p_adjoint, part.p2g_adjoint
     load, store, material_of, put_material = t.load, t.store, t.material_of, t.put_material
+    anchor_of, put_anchor, Anchor = t.anchor_of, t.put_anchor, t.Anchor
     tell_adjoint = approach(variant.real).tell_adjoint if variant.planes else None
 
     @wp.func
@@ -95,9 +101,16 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     ):
         before, after = load(states, slot, p), load(states, slot + 1, p)
         material, share = material_of(world.materials, p), material_of(world_bar.materials, p)
-        bar, material_bar = g2p_adjoint(lattice, before, after, material, at, velocity, load(bars, 0, p), share, velocity_bar)
+        anchor, of_anchor = Anchor(), Anchor()
+        if wp.static(variant.anchored):
+            anchor = anchor_of(world.materials, p)
+            of_anchor = anchor_of(world_bar.materials, p)
+        bar = load(bars, 0, p)
+        bar, share, of_anchor = g2p_adjoint(lattice, before, after, material, anchor, at, velocity, bar, share, of_anchor, velocity_bar)
         store(bars, 0, p, bar)
-        put_material(world_bar.materials, p, material_bar)
+        put_material(world_bar.materials, p, share)
+        if wp.static(variant.anchored):
+            put_anchor(world_bar.materials, p, of_anchor)
 
     @wp.func
     def retreat(
@@ -116,14 +129,22 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
         material, particle = material_of(world.materials, p), load(states, slot, p)
         force, force_bar = world.materials.node_force, world_bar.materials.node_force
         bar, share = load(bars, 0, p), material_of(world_bar.materials, p)
-        bar, share = p2g_adjoint(lattice, particle, material, force, momentum_bar, bar, share, force_bar)
+        anchor, of_anchor = Anchor(), Anchor()
+        if wp.static(variant.anchored):
+            anchor = anchor_of(world.materials, p)
+            of_anchor = anchor_of(world_bar.materials, p)
+        bar, share, of_anchor = p2g_adjoint(lattice, particle, material, anchor, force, momentum_bar, bar, share, of_anchor, force_bar)
         if wp.static(tell_adjoint is not None):
             bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)  # type: ignore[misc]
         if slot > 0:
             before = load(states, slot - 1, p)
-            bar, share = g2p_adjoint(lattice, before, particle, material, at, velocity, bar, share, velocity_bar)
+            bar, share, of_anchor = g2p_adjoint(
+                lattice, before, particle, material, anchor, at, velocity, bar, share, of_anchor, velocity_bar
+            )
         store(bars, 0, p, bar)
         put_material(world_bar.materials, p, share)
+        if wp.static(variant.anchored):
+            put_anchor(world_bar.materials, p, of_anchor)
 
     return SimpleNamespace(enter=enter, retreat=retreat)
 

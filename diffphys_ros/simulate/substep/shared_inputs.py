@@ -22,6 +22,7 @@ class Variant:
     nodal: bool  # a force density on the nodes acts too
     bordered: bool  # nodes meet planes and a handle
     planes: int  # that nodes have places for
+    anchored: bool  # particles keep the weights of their anchor
 
     @property
     def pitch(self) -> int:
@@ -31,7 +32,7 @@ class Variant:
     @property
     def label(self) -> str:
         """Name of the variant in module names."""
-        flags = "_nodal" * self.nodal + f"_bordered_{self.planes}" * self.bordered
+        flags = "_anchored" * self.anchored + "_nodal" * self.nodal + f"_bordered_{self.planes}" * self.bordered
         return f"{self.law}_{self.real.__name__}{flags}"
 
 
