@@ -15,6 +15,7 @@ from . import interpolation
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
+EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal
 DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s]
 
 Weight = Callable[[np.ndarray], np.ndarray]
@@ -66,6 +67,18 @@ class ModalModel:
             last = (asked, *np.linalg.eigh(self.matrix(young)))
             object.__setattr__(self, "_last", last)
         return last[1].copy(), last[2].copy()
+
+    def eigen_by_young(self, young: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (r,) of `eigen`, and derivatives by log E of each part: of these, (n, r), and of the shapes, (n, r, r) as `eigen` gives them.
+
+        Rayleigh and Schroedinger: d square_j = s_j' dK s_j, d s_j = sum over i of s_i (s_i' dK s_j) / (square_j - square_i). What modes of equal
+        frequency turn among themselves changes no motion and is left out.
+        """
+        squares, shapes = self.eigen(young)
+        change = shapes.T @ (np.asarray(young, float)[:, None, None] * self.stiffness) @ shapes
+        apart = squares - squares[:, None]
+        equal = np.abs(apart) < EQUAL * np.abs(squares).max()
+        return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ np.where(equal, 0.0, change / np.where(equal, 1.0, apart))
 
     def frequencies(self, young: np.ndarray) -> np.ndarray:
         """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..damping import Damping
-from ..differences import differences
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
 
@@ -26,6 +25,7 @@ FASTEST = 0.45  # of the frame rate: modes beyond are not resolved by the frames
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)
 WIDEST = np.log(1e3)  # of E about the start of a search
 MATCHES = 8
+SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings
 DETUNED = 4  # leading modes whose frequencies may be off on their own
 
 
@@ -57,7 +57,7 @@ class Physics:
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
     """Residuals in standard deviations: log ratios of neighbouring parts, damping and detuning."""
-    return np.concatenate([np.diff(vector[:parts]) / RATIO_SD, vector[parts:]])
+    return np.concatenate([np.diff(vector[:parts], axis=0) / RATIO_SD, vector[parts:]])
 
 
 @dataclass(frozen=True)
@@ -107,26 +107,75 @@ class Tail:
 
     def misfit(self, physics: Physics) -> np.ndarray:
         """Observed minus modelled tail [m], (K, d), with the best amplitudes."""
-        omega, decay, seen = self._modes(physics)
-        detune = physics.detune[: len(omega)]
-        omega[: len(detune)] *= np.exp(detune)
-        wave = np.exp(-np.outer(self.times, decay)) * np.exp(1j * np.outer(self.times, omega))
-        shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
-        clock = np.stack(shapes, 2).reshape(len(self.times), -1)  # (K, c k): every mode's functions of time
-        place = np.repeat(seen, len(shapes), 1)  # (d, c k)
-        normal = (clock.T @ clock) * (place.T @ place)
-        right = ((self.data @ place) * clock).sum(0)
-        normal[np.diag_indices(len(normal))] *= 1 + 1e-9
-        amplitude = np.linalg.lstsq(normal, right, rcond=1e-10)[0]
+        clock, place, amplitude = self._fitted(physics)
         return self.data - (clock * amplitude) @ place.T
+
+    def slope(self, physics: Physics) -> np.ndarray:
+        """Derivatives (K d, S) of the misfit over sigma by the S = n + 2 + k entries of Physics.vector().
+
+        The amplitudes move along: with the misfit r = y - F a and N = F'F, da = N^-1 (dF' r - F' dF a) and dr = -dF a - F da.
+        """
+        clock, place, amplitude = self._fitted(physics)
+        missed = self.data - (clock * amplitude) @ place.T
+        by_clock, by_place = self._changes(physics, clock)
+        moved = (by_clock * amplitude) @ place.T + (clock * amplitude) @ np.swapaxes(by_place, 1, 2)  # dF a
+        right = ((missed @ place) * by_clock).sum(1) + ((missed @ by_place - moved @ place) * clock).sum(1)
+        by_amplitude = _least_squares(_normal(clock, place), right.T).T
+        changes = -moved - (clock * by_amplitude[:, None]) @ place.T
+        return changes.reshape(len(changes), -1).T / self.sigma_m
+
+    def _fitted(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Functions of time (K, c k), shapes (d, c k) and the best amplitudes (c k,) of c functions for each of k modes."""
+        omega, decay, seen = self._modes(physics)
+        wave = np.exp(np.outer(self.times, 1j * omega - decay))
+        shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
+        clock, place = np.stack(shapes, 2).reshape(len(self.times), -1), np.repeat(seen, len(shapes), 1)
+        return clock, place, _least_squares(_normal(clock, place), ((self.data @ place) * clock).sum(0))
+
+    def _changes(self, physics: Physics, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the functions of time (S, K, c k) and of the shapes (S, d, c k) by the entries of Physics.vector()."""
+        omega, decay, _ = self._modes(physics)
+        by_omega, by_decay, by_seen = self._mode_changes(physics, omega, decay)
+        kinds, times = clock.shape[1] // len(omega), self.times[:, None]
+        real, imaginary = clock[:, 0::kinds], clock[:, 1::kinds]
+        by_clock = np.zeros((len(by_omega), *clock.shape))
+        by_clock[..., 0::kinds] = -times * (by_decay[:, None] * real + by_omega[:, None] * imaginary)
+        by_clock[..., 1::kinds] = times * (by_omega[:, None] * real - by_decay[:, None] * imaginary)
+        return by_clock, np.repeat(by_seen, kinds, 2)
 
     def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""
-        omega2, shapes = self.modal.eigen(physics.young)
-        count = int(np.clip((omega2 < (2 * np.pi * FASTEST / self.period_s) ** 2).sum(), 1, self.most_modes))
-        omega2 = np.maximum(omega2[:count], 1e-2)
+        squares, shapes = self.modal.eigen(physics.young)
+        omega2 = self._resolved(squares)
         decay = physics.damping.decay(omega2)
-        return np.sqrt(np.maximum(omega2 - decay**2, 1e-2)), decay, self.seen.operator @ shapes[:, :count]
+        omega = np.sqrt(np.maximum(omega2 - decay**2, SLOWEST2))
+        detune = physics.detune[: len(omega)]
+        omega[: len(detune)] *= np.exp(detune)
+        return omega, decay, self.seen.operator @ shapes[:, : len(omega)]
+
+    def _resolved(self, squares: np.ndarray) -> np.ndarray:
+        """Squared angular frequencies (k,) of the modes that the frames resolve."""
+        count = (squares < (2 * np.pi * FASTEST / self.period_s) ** 2).sum()
+        return np.maximum(squares[: min(max(int(count), 1), self.most_modes)], SLOWEST2)
+
+    def _mode_changes(self, physics: Physics, omega: np.ndarray, decay: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of what `_modes` says, (S, k) twice and (S, d, k), by the entries of Physics.vector()."""
+        parts, modes, size = len(physics.young), len(omega), len(physics.young) + 2 + len(physics.detune)
+        squares, by_squares, by_shapes = self.modal.eigen_by_young(physics.young)
+        omega2, detune = self._resolved(squares), physics.detune[:modes]
+        by_omega2, by_decay, by_omega = (np.zeros((size, modes)) for _ in range(3))
+        by_omega2[:parts] = np.where(squares[:modes] > SLOWEST2, by_squares[:, :modes], 0.0)
+        by_decay[:parts] = 0.5 * physics.damping.stiffness_s * by_omega2[:parts]
+        by_decay[parts], by_decay[parts + 1] = 0.5 * MASS_DAMPING_SD, 0.5 * STIFFNESS_DAMPING_SD * omega2
+        by_inner = np.where(omega2 - decay**2 > SLOWEST2, by_omega2 - 2 * decay * by_decay, 0.0)
+        detuned = np.ones(modes)
+        detuned[: len(detune)] = np.exp(2 * detune)
+        by_omega[:] = 0.5 * detuned * by_inner / omega
+        leading = np.arange(len(detune))
+        by_omega[parts + 2 + leading, leading] = FREQUENCY_SD * omega[leading]
+        by_seen = np.zeros((size, len(self.seen.operator), modes))
+        by_seen[:parts] = self.seen.operator @ by_shapes[:, :, :modes]
+        return by_omega, by_decay, by_seen
 
     def residual(self, vector: np.ndarray) -> np.ndarray:
         """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
@@ -141,7 +190,8 @@ class Tail:
         return float(found.cost), Physics.of(found.x, len(start.young))
 
     def _slope(self, vector: np.ndarray) -> np.ndarray:
-        return differences(self.residual, vector, least=physical(len(vector), len(self.modal.stiffness)))
+        parts = len(self.modal.stiffness)
+        return np.concatenate([self.slope(Physics.of(vector, parts)), prior_residual(np.eye(len(vector)), parts)])  # the priors are linear
 
     def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> Physics:
         """The best of the searches from several ratios between the parts, each matched to the observed frequency.
@@ -156,6 +206,17 @@ class Tail:
         starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]
         return min(found, key=lambda pair: pair[0])[1]
+
+
+def _normal(clock: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Normal matrix (c k, c k) of the amplitudes."""
+    normal = (clock.T @ clock) * (place.T @ place)
+    normal[np.diag_indices(len(normal))] *= 1 + 1e-9
+    return normal
+
+
+def _least_squares(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(normal, right, rcond=1e-10)[0]
 
 
 def physical(size: int, parts: int) -> np.ndarray:
