@@ -16,6 +16,7 @@ from . import interpolation
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
+EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal
 DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s]
 
 Weight = Callable[[np.ndarray], np.ndarray]
@@ -86,6 +87,27 @@ class ModalModel:
         stiffness = self.elastic(young) + self.retuning + np.tensordot(heavier, self.prestress, 1)
         squares, shapes = eigh(stiffness, np.tensordot(heavier, self.inertia, 1))
         return squares, shapes
+
+    def eigen_changes(self, young: np.ndarray, density: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (r,) of `eigen`, and derivatives by log E of each part, then by log density where densities are given: of the squares,
+        (n + m, r), and of the shapes, (n + m, r, r) as `eigen` gives them.
+
+        Rayleigh and Schroedinger, with changes dK of the stiffness and dM of the inertia: d square_j = s_j' (dK - square_j dM) s_j,
+        d s_j = sum over i of s_i (s_i' (dK - square_j dM) s_j) / (square_j - square_i) - s_j (s_j' dM s_j) / 2. What modes of equal frequency turn
+        among themselves changes no motion and is left out.
+        """
+        squares, shapes = self.eigen(young, density)
+        change = shapes.T @ (np.asarray(young, float)[:, None, None] * self.stiffness) @ shapes
+        own = np.zeros((len(change), self.modes))
+        if density is not None:
+            stress, inertia = (shapes.T @ ((density / self.density)[:, None, None] * each) @ shapes for each in (self.prestress, self.inertia))
+            change = np.concatenate([change, stress - squares * inertia])
+            own = np.concatenate([own, -0.5 * np.diagonal(inertia, axis1=1, axis2=2)])
+        apart = squares - squares[:, None]
+        equal = np.abs(apart) < EQUAL * np.abs(squares).max()
+        mixed = np.where(equal, 0.0, change / np.where(equal, 1.0, apart)) + own[:, :, None] * np.eye(self.modes)
+        return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ mixed
+
 
     def frequencies(self, young: np.ndarray) -> np.ndarray:
         """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""

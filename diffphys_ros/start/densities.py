@@ -38,6 +38,11 @@ class Densities:
         """The inverse of `of`, (n,); zeros for the assumed ones."""
         return np.zeros(len(self.assumed)) if density is None else np.log(density / self.assumed) / self.contrast
 
+    def slope(self, density: np.ndarray) -> np.ndarray:
+        """Derivatives (n, n) of log densities by the unknowns, at densities (n,)."""
+        mass = density * self.volume
+        return self.contrast * (np.eye(len(mass)) - mass / mass.sum())
+
     def others(self, density: np.ndarray | None) -> list[np.ndarray]:
         """Densities to begin a search from as well: each part much heavier and much lighter than given."""
         return [self.of(self.unknown(density) + far) for part in np.eye(len(self.assumed)) for far in (OTHERWISE * part, -OTHERWISE * part)]

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..differences import differences
-from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail, physical
+from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail
 from .uncertainty import excess_of
 
 SURE = 1.645  # standard deviations: one-sided, 95 %
@@ -77,8 +76,12 @@ def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Call
     first = len(fitted) - len(physics.detune)  # of the frequencies
     others = np.flatnonzero(np.arange(len(fitted)) != part)
     low, high = (bound[others] for bound in physics.bounds(densities))
-    least = physical(len(fitted), parts)[others]
     ends = {0.0: fitted[others]}  # where searches ended, by the change of log10 E
+
+    def priors(vector: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.diff(np.delete(vector[:parts], part, 0), axis=0) / RATIO_SD, vector[parts:first], prior @ vector[first:]])
+
+    by_priors = priors(np.eye(len(fitted)))[:, others]  # they are linear
 
     def least_misfit(change: float) -> float:
         vector = fitted.copy()
@@ -86,13 +89,14 @@ def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Call
 
         def residual(free: np.ndarray) -> np.ndarray:
             vector[others] = free
-            priors = np.r_[np.diff(np.delete(vector[:parts], part)) / RATIO_SD, vector[parts:first], prior @ vector[first:]]
-            return np.r_[tail.misfit(Physics.of(vector, parts, densities)).ravel() / tail.sigma_m, priors]
+            return np.r_[tail.misfit(Physics.of(vector, parts, densities)).ravel() / tail.sigma_m, priors(vector)]
+
+        def slope(free: np.ndarray) -> np.ndarray:
+            vector[others] = free
+            return np.concatenate([tail.slope(Physics.of(vector, parts, densities), densities)[:, others], by_priors])
 
         near = ends[min(ends, key=lambda known: abs(known - change))]
-        found = least_squares(
-            residual, np.clip(near, low + 1e-9, high - 1e-9), bounds=(low, high), jac=lambda free: differences(residual, free, least=least), max_nfev=MOST_EVALUATIONS
-        )
+        found = least_squares(residual, np.clip(near, low + 1e-9, high - 1e-9), bounds=(low, high), jac=slope, max_nfev=MOST_EVALUATIONS)
         ends[change] = found.x
         return float(2 * found.cost)
 
