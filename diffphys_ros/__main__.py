@@ -191,8 +191,6 @@ def _nearest(name: str) -> str:
 def _recover(options: argparse.Namespace) -> int:
     from . import result
     from .batch import positive
-    from .inverse import Checkpoint, clock_of, run, solve_prepared
-    from .predict import Figures, predicted
 
     is_prepared = str(options.clip).endswith(".npz")
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
@@ -200,6 +198,10 @@ def _recover(options: argparse.Namespace) -> int:
     settings = config.layered(options.config, options.flags, base=base)
     if is_prepared:
         _without_prediction(settings)
+    # what follows imports torch, which takes seconds: what is wrong with words and settings is said before
+    from .inverse import Checkpoint, clock_of, run, solve_prepared
+    from .predict import Figures, predicted
+
     clock = clock_of(settings, side_by_side=positive("side_by_side", options.side_by_side, int) or 1)
     with result.owned(options.out) as out:
         checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
