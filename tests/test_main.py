@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -51,6 +53,37 @@ def test_bad_input_is_one_sentence_and_status_2_and_leaves_nothing_behind(words,
     assert len(error.splitlines()) == 1
     out = tmp_path / "out"
     assert not out.exists() or not list(out.iterdir())
+
+
+WITHOUT_TORCH = """
+import sys
+sys.modules["torch"] = None
+from pathlib import Path
+from diffphys_ros import config
+from diffphys_ros.__main__ import main
+from diffphys_ros.errors import InputError
+clip, broken, out = sys.argv[1:]
+assert main(["recover", clip, "--out", out, "--scene.mass_kg", "-1"]) == 2
+from diffphys_ros.nodes.fit_job import recover
+news = recover(Path(broken), None, config.Settings(), "", False, "run", "/fit_node")
+print(next(news).stage)
+try:
+    next(news)
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_bad_setting_and_a_recording_that_a_node_cannot_read_are_said_before_torch_is_imported(tmp_path):
+    """Which takes seconds."""
+    clip, broken = sample_folder() / "clip.mcap", tmp_path / "broken.mcap"
+    broken.write_bytes(clip.read_bytes()[:20_000])
+    done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH, clip, broken, tmp_path / "out"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "scene.mass_kg" in done.stderr
+    stage, sentence = done.stdout.splitlines()
+    assert stage == "reading"
+    assert "broken.mcap: not a complete" in sentence
 
 
 def test_a_folder_in_which_another_run_works_is_refused_and_its_checkpoint_stays(tmp_path, capfd):

@@ -49,6 +49,7 @@ class Process:
         finally:
             os.close(write)
         self._report = read
+        self._said: dict[str, Any] | None = None
         self.pid = self._child.pid
         self.ended: Ended | None = None
 
@@ -73,14 +74,15 @@ class Process:
             self._signal(signal.SIGKILL)
 
     def report(self) -> dict[str, Any]:
-        """What it said of itself before it began: device and versions; empty where it died before. Once, after it has ended."""
-        with os.fdopen(self._report, "rb") as file:
-            os.set_blocking(self._report, False)
-            text = file.read() or b""
-        try:
-            return dict(json.loads(text))
-        except ValueError:
-            return {}
+        """What it said of itself before it began: device and versions; empty where it died before. To be asked after it has ended."""
+        if self._said is None:
+            self._said = {}  # read once, whatever interrupts that
+            with os.fdopen(self._report, "rb") as file:
+                os.set_blocking(self._report, False)
+                text = file.read() or b""
+            with suppress(ValueError):
+                self._said = dict(json.loads(text))
+        return self._said
 
     def _signal(self, number: int) -> None:
         with suppress(ProcessLookupError, PermissionError):

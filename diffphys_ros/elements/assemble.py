@@ -144,7 +144,10 @@ def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
 
 def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.ndarray) -> sp.csc_matrix:
     """Stiffness of the chosen elements at E = 1 Pa over the free degrees of freedom: the integral of
-    lam div(u) div(v) + 2 mu sym(grad u) : sym(grad v). All pairs of an element's shapes at once: form by form takes several times as long."""
+    lam div(u) div(v) + 2 mu sym(grad u) : sym(grad v). All pairs of an element's shapes at once: form by form takes several times as long. Of a part
+    too small for an element: nothing."""
+    if not chosen.any():
+        return sp.csc_matrix((len(free), len(free)))
     basis = Basis(grid, ElementTetP2(), intorder=STIFFNESS_ORDER, elements=np.flatnonzero(chosen))
     lam, mu = poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
     slope = np.stack([shape[0].grad for shape in basis.basis]).transpose(2, 0, 1, 3)  # (elements, 10, 3, points)

@@ -51,7 +51,7 @@ def test_a_fit_can_be_cancelled_and_begun_again(robot, half_sample, capfd):
     assert "[ERROR]" not in said
     (second,) = re.fullmatch(r"run ([0-9a-f]{8}) begun", r.call("fit").message).groups()
     assert second != first
-    r.until(lambda: r.stages().count("segment") == 2)
+    r.until(lambda: r.stages().count("reading") == 2)
     assert {values["run"] for values in r.progress()} == {first, second}
     assert next(values["stage"] for values in r.progress() if values["run"] == second) == "start"
     r.until(lambda: messages.values_of(r.heard["/diagnostics"][-1].status[0])["run"] == second)
@@ -127,7 +127,7 @@ def test_a_bag_can_be_given_to_a_running_node(robot, half_sample):
     changes = [Parameter("bag", value=str(half_sample / "clip.mcap")), Parameter("config", value=str(half_sample / "given.yaml"))]
     assert r.node.set_parameters_atomically(changes).reason.startswith("bag, config, scene.at_rest, ")
     assert r.call("fit").success
-    r.until(lambda: "segment" in r.stages())
+    r.until(lambda: "reading" in r.stages())
     assert r.node.waiting_for() == ""
     r.call("cancel")
     r.until(lambda: not r.node.worker.busy)
