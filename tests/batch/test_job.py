@@ -13,6 +13,7 @@ import pytest
 from diffphys_ros.batch import job as room
 from diffphys_ros.batch.job import Job, Running
 from diffphys_ros.batch.machine import shared_by
+from diffphys_ros.batch.process import Process
 from diffphys_ros.batch.status import Status, read_status, write_status
 from tests.quick_batch import QUICK_WORDS, broken, child_of, wait_for
 
@@ -109,3 +110,10 @@ def test_a_clip_whose_worker_dies_again_and_again_is_given_up(tmp_path: Path) ->
     folder.mkdir()
     write_status(folder, Status(state="running", batch="b", attempts=room.MAX_ATTEMPTS))
     assert "its worker died 3 times" in ended(Running(made(tmp_path / "none.mcap", folder))).reason
+
+
+def test_what_a_process_said_of_itself_can_be_asked_again(tmp_path: Path) -> None:
+    """Ctrl-C may fall between what was read and what is made of it."""
+    process = Process(["recover", "nowhere.mcap"], tmp_path / "log.txt", cwd=str(tmp_path), device="cpu", environment={})
+    wait_for(lambda: process.poll() is not None)
+    assert process.report() == process.report()

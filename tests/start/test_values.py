@@ -12,7 +12,7 @@ from diffphys_ros.footprints import gaussian
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import start_values
 from diffphys_ros.types import Body, StartValues, Tracks
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
+from tests.made_bar import BETA, FORCED, FRAMES, LENGTH, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +128,17 @@ def test_a_bar_that_hangs_is_not_taken_for_stiffer():
     found = recovered(bar(edges=(), gravity=(9.81, 0.0, 0.0)), young, 0.5 * gust())
     assert np.abs(np.log10(found.young / young)).max() < 0.02
     assert found.identified.all()
+
+
+@pytest.mark.parametrize("told", [[600.0], None])
+def test_a_part_too_small_for_an_element_is_not_identified_and_takes_nothing_from_the_others(told):
+    """A few pixels of another colour at the edge of an object."""
+    young = YOUNG[:1]
+    truth = modes_of(bar(edges=()), young, finer=0.85, count=12)
+    speck = bar(edges=(LENGTH - 1e-3,))
+    found = start_values(speck, tracks(truth, motion(truth, young, gust())), PERIOD_S, settings(at_rest=True, density_kg_m3=told, mass_kg=speck.mass_kg))[0]
+    assert found.identified.tolist() == [True, False]
+    assert abs(np.log10(found.young[0] / young[0])) < 0.02
 
 
 def test_motion_that_is_never_free_yields_a_guess_that_says_so(body, truth):
