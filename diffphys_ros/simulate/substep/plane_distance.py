@@ -63,11 +63,12 @@ def approach(real: type, anchored: bool) -> SimpleNamespace:
             if g < size:
                 close = (real(1.0) - g / size) * (real(1.0) - g / size)
                 st = around(lattice, cell(lattice, met_at(particle, anchor)))
-                up, above = upward(lattice, borders.normal[plane], particle, anchor), g + real(0.5) * size
+                up = upward(lattice, borders.normal[plane], particle, anchor)
+                first = g + real(0.5) * size - wp.dot(up, st.f)  # height of node (0, 0, 0)
                 for a in range(27):
                     i, j, k = a // 9, (a // 3) % 3, a % 3
                     w = weight(st.f[0], i) * weight(st.f[1], j) * weight(st.f[2], k) * close
-                    height = above + wp.dot(up, vec3(real(i), real(j), real(k)) - st.f)
+                    height = first + real(i) * up[0] + real(j) * up[1] + real(k) * up[2]
                     m = st.first + (i * st.ny + j) * st.nz + k
                     wp.atomic_add(borders.near, m * planes + plane, vec4(w, w * g, w * height, real(0.0)))
 
