@@ -41,7 +41,7 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD FASTEST<=0.5 DETUNED",
     "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1 MOST_EDGE",
     "start.uncertainty": "SILHOUETTE_PX",
-    "start.material_doubt": "DENSITY_CONTRAST",
+    "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",
     "elements.mesh": "CELLS_ACROSS THINNEST<=1",
 }

@@ -191,8 +191,6 @@ def _nearest(name: str) -> str:
 def _recover(options: argparse.Namespace) -> int:
     from . import result
     from .batch import positive
-    from .inverse import Checkpoint, clock_of, run, solve_prepared
-    from .predict import Figures, predicted
 
     is_prepared = str(options.clip).endswith(".npz")
     base = result.stored_settings(_existing(options.clip)) if is_prepared else {}
@@ -200,7 +198,11 @@ def _recover(options: argparse.Namespace) -> int:
     settings = config.layered(options.config, options.flags, base=base)
     if is_prepared:
         _without_prediction(settings)
-    clock = clock_of(settings, side_by_side=positive("side_by_side", options.side_by_side, int) or 1)
+    side_by_side = positive("side_by_side", options.side_by_side, int) or 1
+    from .inverse import Checkpoint, clock_of, run, solve_prepared  # these take seconds: what is wrong with the words is said before
+    from .predict import Figures, predicted
+
+    clock = clock_of(settings, side_by_side=side_by_side)
     with result.owned(options.out) as out:
         checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
         if is_prepared:

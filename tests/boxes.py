@@ -105,7 +105,8 @@ def texture(points: np.ndarray) -> np.ndarray:
     """A smooth pattern in -1..1 fixed to the material, of features a few millimetres wide (P,)."""
     waves = np.random.default_rng(7).normal(size=(24, 3)) * 350
     phase = np.random.default_rng(8).uniform(0, 2 * np.pi, 24)
-    return np.clip(np.sin(points @ waves.T + phase).sum(-1) / 5, -1, 1)
+    angle = (points @ waves.T + phase).astype(np.float32)  # whose sines cost a quarter
+    return np.clip(np.sin(angle).sum(-1) / 5, -1, 1)
 
 
 def _enter(box: Box, start: np.ndarray, direction: np.ndarray) -> np.ndarray:

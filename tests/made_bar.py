@@ -98,5 +98,5 @@ def tracks(modal: ModalModel, q: np.ndarray, *, seed: int = 0, count: int = 200,
 
 
 def settings(**scene: object) -> Settings:
-    """Defaults, with what is known of the scene."""
-    return replace(Settings(), scene=replace(Scene(), **scene))  # type: ignore[arg-type]
+    """Defaults, with what is known of the scene; the density of the bars is told unless it is said not to be."""
+    return replace(Settings(), scene=replace(Scene(), **({"density_kg_m3": [600.0]} | scene)))  # type: ignore[arg-type]

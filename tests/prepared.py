@@ -21,7 +21,9 @@ def make_prepared(made_clip: Clip) -> Prepared:
         "nodes": (20, 3),
         "basis": (20, 3, modes),
         "stiffness": (parts, modes, modes),
-        "geometric": (modes, modes),
+        "inertia": (parts, modes, modes),
+        "prestress": (parts, modes, modes),
+        "weight": (parts, modes),
         "retuning": (modes, modes),
     }
     drawn = {f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)}
@@ -46,6 +48,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
         geometry_sd=np.array([0.01, 0.01]),
         young_lower=np.array([np.nan, 1e4]),
         material=MaterialDoubt.none(2),
+        density=np.full(2, 600.0),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
     body = Body(

@@ -6,7 +6,7 @@ Small-strain linear elasticity about the shape in frame 0; gravity adds the geom
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,14 +36,15 @@ class Elements:
     poisson: np.ndarray  # (n,)
     free: np.ndarray  # degrees of freedom that are not held, (D,)
     stiffness: list[sp.csc_matrix]  # per part, of E = 1 Pa, (D, D)
-    mass: sp.csc_matrix  # (D, D)
+    masses: list[sp.csc_matrix]  # of what may have densities of its own, each part or all of them together: m of (D, D)
     push: np.ndarray  # consistent loads of unit force densities along x, y, z, (D, 3)
-    gravity: np.ndarray  # consistent load of the weight [N], (D,)
+    weights: np.ndarray  # consistent loads of their weights [N], (m, D)
+    density: np.ndarray  # theirs [kg/m^3], (m,); the mean of all together
     scalar: Basis = field(repr=False)
 
     @classmethod
-    def of(cls, body: Body, mesh: SolidMesh | None = None) -> Elements:
-        """Elements of a body; of a mesh of your own where given."""
+    def of(cls, body: Body, mesh: SolidMesh | None = None, *, apart: bool = False) -> Elements:
+        """Elements of a body; of a mesh of your own where given. apart: what goes with density is kept part by part, for `weighing`."""
         mesh = mesh or solid_mesh(body)
         grid = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
         scalar = Basis(grid, ElementTetP2(), intorder=MASS_ORDER)
@@ -52,9 +53,10 @@ class Elements:
         if mesh.clamped and not held.any():
             raise InputError("the object does not reach its clamped plane; move scene.clamp_box_m onto the held face or correct the mask")
         free = np.flatnonzero(np.repeat(~held, 3))
-        density = np.asarray(body.density, float)[mesh.part - 1]
-        weighted, plain = (_scalar_mass(scalar, rho) for rho in (density, np.ones(len(tets))))
-        lumped, volume = (np.asarray(m.sum(1)).ravel() for m in (weighted, plain))
+        density = np.asarray(body.density, float)
+        own, plain = density[mesh.part - 1], _scalar_mass(scalar, np.ones(len(tets)))
+        weighted = [_scalar_mass(scalar, np.where(mesh.part == i + 1, own, 0.0)) for i in range(len(density))] if apart else [_scalar_mass(scalar, own)]
+        lumped, volume = [np.asarray(m.sum(1)).ravel() for m in weighted], np.asarray(plain.sum(1)).ravel()
         return cls(
             nodes,
             tets,
@@ -62,11 +64,28 @@ class Elements:
             np.asarray(body.poisson, float),
             free,
             [_part_stiffness(grid, mesh.part == i + 1, nu, free) for i, nu in enumerate(body.poisson)],
-            sp.kron(weighted, sp.identity(3)).tocsr()[free][:, free].tocsc(),
+            [sp.kron(m, sp.identity(3)).tocsr()[free][:, free].tocsc() for m in weighted],
             np.kron(volume[:, None], np.eye(3))[free],
-            np.kron(lumped, body.gravity)[free],
+            np.stack([np.kron(m, body.gravity)[free] for m in lumped]),
+            density if apart else np.array([body.mass_kg / body.volume_m3]),
             scalar,
         )
+
+    def weighing(self, density: np.ndarray) -> Elements:
+        """The same elements with other densities (m,) [kg/m^3]."""
+        heavier = density / self.density
+        masses = [float(h) * m for h, m in zip(heavier, self.masses, strict=True)]
+        return replace(self, masses=masses, weights=heavier[:, None] * self.weights, density=density)
+
+    @cached_property
+    def mass(self) -> sp.csc_matrix:
+        """Of all parts (D, D)."""
+        return sum(self.masses[1:], start=self.masses[0])
+
+    @cached_property
+    def gravity(self) -> np.ndarray:
+        """Consistent load of the weight [N], (D,)."""
+        return self.weights.sum(0)
 
     @cached_property
     def heavy(self) -> bool:
@@ -77,10 +96,15 @@ class Elements:
         """Elastic stiffness (D, D) at Young's moduli (n,) [Pa]."""
         return sum((e * k for e, k in zip(young, self.stiffness, strict=True)), start=0 * self.mass)
 
-    def geometric(self, young: np.ndarray) -> sp.csc_matrix:
-        """Stiffness (D, D) of the static stress under gravity."""
+    def prestress(self, young: np.ndarray) -> list[sp.csc_matrix]:
+        """Stiffness (D, D) of the static stress under each of the weights."""
+        factor = splu(self.elastic(young), **_SYMMETRIC)
+        return [self._stiffness_of_stress(young, factor.solve(weight)) for weight in self.weights]
+
+    def _stiffness_of_stress(self, young: np.ndarray, free_sag: np.ndarray) -> sp.csc_matrix:
+        """Geometric stiffness (D, D) of a static displacement (D,) [m]."""
         sag = np.zeros(3 * len(self.nodes))
-        sag[self.free] = splu(self.elastic(young), **_SYMMETRIC).solve(self.gravity)
+        sag[self.free] = free_sag
         basis = self.scalar.with_element(ElementTetP2())
         slope = np.stack([basis.interpolate(sag[c::3]).grad for c in range(3)])
         strain = 0.5 * (slope + np.swapaxes(slope, 0, 1))
@@ -139,11 +163,12 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
     uniform loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second
     order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same. varied: of how
     many of the first's lowest modes the change with every part's modulus is spanned as well, to first order."""
-    geometric = elements.geometric(youngs[0]) if elements.heavy else None
+    prestress = elements.prestress(youngs[0]) if elements.heavy else [0 * elements.mass] * len(elements.masses)
+    geometric = sum(prestress[1:], start=prestress[0])
     loads = np.column_stack([elements.push, elements.gravity[:, None]] if elements.heavy else [elements.push])
     vectors = []
     for young, count in zip(youngs, counts, strict=True):
-        matrix = elements.elastic(young) + (geometric if loaded and geometric is not None else 0 * elements.mass)
+        matrix = elements.elastic(young) + (geometric if loaded else 0 * elements.mass)
         factor = elements.factor(matrix)
         vectors.append(elements.eigenmodes(matrix, factor, count)[1])
         if len(vectors) == 1:
@@ -152,15 +177,18 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
     basis = _orthonormal(np.column_stack(vectors), elements.mass)
     full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
     full[elements.free] = basis
+    stiffness, inertia, stressed = (np.stack([basis.T @ (each @ basis) for each in of]) for of in (elements.stiffness, elements.masses, prestress))
     model = ModalModel(
         elements.nodes,
         elements.tets,
         elements.part,
         full.reshape(len(elements.nodes), 3, -1),
-        np.stack([basis.T @ (k @ basis) for k in elements.stiffness]),
-        np.zeros((basis.shape[1],) * 2) if geometric is None else basis.T @ (geometric @ basis),
+        stiffness,
+        inertia,
+        stressed,
+        elements.weights @ basis,
+        elements.density,
         np.zeros((basis.shape[1],) * 2),
-        basis.T @ elements.gravity,
         np.asarray(youngs[0], float),
     )
     return model.rotated(youngs[0])

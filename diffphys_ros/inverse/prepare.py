@@ -75,6 +75,8 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
+    if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
+        body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
     doubts = doubts_of(clip, tracks, body, start, settings)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
     yield Progress("modes", text=describe_start(start))

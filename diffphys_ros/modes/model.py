@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import cholesky, eigh, solve_triangular
 
 from ..damping import Damping
 from ..differences import differences
@@ -15,6 +16,7 @@ from . import interpolation
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
+EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal
 DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s]
 
 Weight = Callable[[np.ndarray], np.ndarray]
@@ -28,7 +30,7 @@ class ModalModel:
     q'' + (alpha + beta K) q' + K q = p,  K = sum_i young_i stiffness_i + geometric + retuning,
     and at the Young's moduli of `reference` its vectors are the eigenmodes, lowest first. Strain energy of gravity's
     prestress enters as `geometric` (independent of a common factor of all moduli); `retuning` is what the body's frequencies
-    were seen to differ from the elements'.
+    were seen to differ from the elements'. What goes with density may be kept part by part, for others than `density`.
     """
 
     nodes: np.ndarray  # of quadratic tetrahedra, body frame [m], (N, 3)
@@ -36,16 +38,28 @@ class ModalModel:
     part: np.ndarray  # of the elements, 1..n, (E,)
     basis: np.ndarray  # [kg^-1/2], (N, 3, r)
     stiffness: np.ndarray  # per part and Pa [1/(Pa s^2)], (n, r, r)
-    geometric: np.ndarray  # [1/s^2], (r, r)
+    inertia: np.ndarray  # products of the basis vectors, whose sum is the identity, of what may have densities of its own: parts, or all: (m, r, r)
+    prestress: np.ndarray  # by their weights [1/s^2], (m, r, r)
+    weight: np.ndarray  # modal loads of their weights [N/kg^1/2], (m, r)
+    density: np.ndarray  # theirs [kg/m^3], (m,)
     retuning: np.ndarray  # [1/s^2], (r, r)
-    gravity_load: np.ndarray  # [N/kg^1/2], (r,)
     reference: np.ndarray  # Young's moduli [Pa] at which the basis is diagonal, (n,)
-    _last: ClassVar[tuple[bytes, np.ndarray, np.ndarray] | None] = None  # moduli of which `eigen` was asked last, and what it answered
+    _last: ClassVar[tuple[bytes, np.ndarray, np.ndarray] | None] = None  # what `eigen` was asked last, and what it answered
 
     @property
     def modes(self) -> int:
         """Number of basis vectors r."""
         return self.basis.shape[2]
+
+    @property
+    def geometric(self) -> np.ndarray:
+        """Stiffness of gravity's prestress [1/s^2], (r, r)."""
+        return self.prestress.sum(0)
+
+    @property
+    def gravity_load(self) -> np.ndarray:
+        """Modal loads of the weight [N/kg^1/2], (r,)."""
+        return self.weight.sum(0)
 
     def elastic(self, young: np.ndarray) -> np.ndarray:
         """The elastic part of K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
@@ -55,17 +69,45 @@ class ModalModel:
         """K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
         return self.elastic(young) + self.geometric + self.retuning
 
-    def eigen(self, young: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared angular frequencies (r,) [1/s^2], lowest first, and mode shapes (r, r) as columns of basis coordinates.
+    def eigen(self, young: np.ndarray, density: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Squared angular frequencies (r,) [1/s^2], lowest first, and mass-orthonormal mode shapes (r, r) as columns of basis coordinates,
+        at Young's moduli (n,) [Pa] and densities (m,) [kg/m^3]; None: those of the model.
 
         A negative square means that the body buckles under gravity at these moduli. The last answer is kept: searches ask for the same
         moduli again and again while they try dampings, forces and where these act.
         """
-        asked, last = np.asarray(young, float).tobytes(), self._last
+        asked, last = np.append(young, () if density is None else density).tobytes(), self._last
         if last is None or last[0] != asked:
-            last = (asked, *np.linalg.eigh(self.matrix(young)))
+            last = (asked, *(np.linalg.eigh(self.matrix(young)) if density is None else self._eigen_of(young, density / self.density)))
             object.__setattr__(self, "_last", last)
         return last[1].copy(), last[2].copy()
+
+    def _eigen_of(self, young: np.ndarray, heavier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of what is so many times as heavy (m,)."""
+        stiffness = self.elastic(young) + self.retuning + np.tensordot(heavier, self.prestress, 1)
+        squares, shapes = eigh(stiffness, np.tensordot(heavier, self.inertia, 1))
+        return squares, shapes
+
+    def eigen_changes(self, young: np.ndarray, density: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (r,) of `eigen`, and derivatives by log E of each part, then by log density where densities are given: of the squares,
+        (n + m, r), and of the shapes, (n + m, r, r) as `eigen` gives them.
+
+        Rayleigh and Schroedinger, with changes dK of the stiffness and dM of the inertia: d square_j = s_j' (dK - square_j dM) s_j,
+        d s_j = sum over i of s_i (s_i' (dK - square_j dM) s_j) / (square_j - square_i) - s_j (s_j' dM s_j) / 2. What modes of equal frequency turn
+        among themselves changes no motion and is left out.
+        """
+        squares, shapes = self.eigen(young, density)
+        change = shapes.T @ (np.asarray(young, float)[:, None, None] * self.stiffness) @ shapes
+        own = np.zeros((len(change), self.modes))
+        if density is not None:
+            stress, inertia = (shapes.T @ ((density / self.density)[:, None, None] * each) @ shapes for each in (self.prestress, self.inertia))
+            change = np.concatenate([change, stress - squares * inertia])
+            own = np.concatenate([own, -0.5 * np.diagonal(inertia, axis1=1, axis2=2)])
+        apart = squares - squares[:, None]
+        equal = np.abs(apart) < EQUAL * np.abs(squares).max()
+        mixed = np.where(equal, 0.0, change / np.where(equal, 1.0, apart)) + own[:, :, None] * np.eye(self.modes)
+        return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ mixed
+
 
     def frequencies(self, young: np.ndarray) -> np.ndarray:
         """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""
@@ -173,17 +215,28 @@ class ModalModel:
         leading = shapes[:, : len(detune)]
         return replace(self, retuning=self.retuning + (leading * change) @ leading.T)
 
+    def weighing(self, density: np.ndarray) -> ModalModel:
+        """The same body with other densities (m,) [kg/m^3], on the span of the same shapes."""
+        heavier = density / self.density
+        inertia, prestress, weight = heavier[:, None, None] * self.inertia, heavier[:, None, None] * self.prestress, heavier[:, None] * self.weight
+        turn = solve_triangular(cholesky(inertia.sum(0), lower=True), np.eye(self.modes), lower=True).T  # to a mass-orthonormal basis
+        return replace(self._turned(turn), inertia=turn.T @ inertia @ turn, prestress=turn.T @ prestress @ turn, weight=weight @ turn, density=density)
+
     def rotated(self, young: np.ndarray, modes: int | None = None) -> ModalModel:
         """The same model with the eigenmodes at `young` as basis; only the lowest `modes` of them where given."""
         shapes = self.eigen(young)[1][:, :modes]
         flat = (self.basis @ shapes).reshape(-1, shapes.shape[1])
         shapes = shapes * np.sign(flat[np.abs(flat).argmax(0), np.arange(shapes.shape[1])])  # equal input, equal signs
+        return replace(self._turned(shapes), reference=np.asarray(young, float).copy())
+
+    def _turned(self, turn: np.ndarray) -> ModalModel:
+        """The same model on the basis vectors that the columns (r, s) say."""
         return replace(
             self,
-            basis=self.basis @ shapes,
-            stiffness=shapes.T @ self.stiffness @ shapes,
-            geometric=shapes.T @ self.geometric @ shapes,
-            retuning=shapes.T @ self.retuning @ shapes,
-            gravity_load=shapes.T @ self.gravity_load,
-            reference=np.asarray(young, float).copy(),
+            basis=self.basis @ turn,
+            stiffness=turn.T @ self.stiffness @ turn,
+            inertia=turn.T @ self.inertia @ turn,
+            prestress=turn.T @ self.prestress @ turn,
+            weight=self.weight @ turn,
+            retuning=turn.T @ self.retuning @ turn,
         )

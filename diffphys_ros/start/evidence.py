@@ -12,6 +12,7 @@ from ..modes.model import ModalModel
 from ..types import Body, Tracks
 from ..vibration.coordinates import Motion, Projection
 from ..vibration.forced_frames import Support
+from .densities import Densities
 from .force import ForceProblem
 from .free_tail import MODEL_ERROR, Tail
 
@@ -46,6 +47,7 @@ class Evidence:
     period_s: float
     settings: Settings  # `scene.at_rest` and `experiment.mode_count`
     belief: Belief | None = None
+    densities: Densities | None = None  # of the parts, where the motion is to tell them
 
     @property
     def at_rest(self) -> bool:
@@ -78,7 +80,7 @@ class Evidence:
         seen = Projection.of(self.motion, modal)
         moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
-        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count)
+        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.densities)
 
     def whole(self, modal: ModalModel, support: Support) -> ForceProblem:
         """The misfit of all frames under a modal model and a force."""

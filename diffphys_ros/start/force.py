@@ -89,7 +89,7 @@ class ForceProblem:
 
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
-        omega2, shapes = self.modal.eigen(physics.young)
+        omega2, shapes = self.modal.eigen(physics.young, physics.density)
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
         step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
@@ -141,12 +141,12 @@ class ForceProblem:
             return differences(residual, vector, least=physical(len(vector), parts))
 
         def residual(vector: np.ndarray) -> np.ndarray:
-            seen = self.solve(Physics.of(vector, parts), footprint).residual
+            seen = self.solve(replace(Physics.of(vector, parts), density=physics.density), footprint).residual
             return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
         start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
         found = least_squares(residual, start, bounds=(low, high), jac=slope, max_nfev=REFINEMENTS, ftol=1e-4)
-        return Physics.of(found.x, parts)
+        return replace(Physics.of(found.x, parts), density=physics.density)
 
     def edges(self, physics: Physics) -> tuple[int, int]:
         """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""

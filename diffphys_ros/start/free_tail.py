@@ -7,15 +7,15 @@ the leading mode swings at the frequency seen, so that the result does not depen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ..damping import Damping
-from ..differences import differences
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
+from .densities import Densities
 
 MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it
 FREQUENCY_SD = 0.01  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode
@@ -25,7 +25,9 @@ MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1
 FASTEST = 0.45  # of the frame rate: modes beyond are not resolved by the frames
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)
 WIDEST = np.log(1e3)  # of E about the start of a search
+UNLIKELY = 5.0  # standard deviations beyond which no density is looked for
 MATCHES = 8
+SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings
 DETUNED = 4  # leading modes whose frequencies may be off on their own
 
 
@@ -36,28 +38,37 @@ class Physics:
     young: np.ndarray  # [Pa], (n,)
     damping: Damping[float]
     detune: np.ndarray  # log of the body's frequencies over the model's, leading modes, (k,)
+    density: np.ndarray | None = None  # [kg/m^3], (n,); None: the model's
 
     @classmethod
-    def of(cls, vector: np.ndarray, parts: int) -> Physics:
-        """From log E per part, then alpha, beta and detune over their prior standard deviations."""
+    def of(cls, vector: np.ndarray, parts: int, densities: Densities | None = None) -> Physics:
+        """From log E per part, then alpha, beta, densities where these are sought, and detune, over their prior standard deviations."""
         alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
-        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[parts + 2 :])
+        rest = parts + 2 if densities is None else 2 * parts + 2
+        density = None if densities is None else densities.of(vector[parts + 2 : rest])
+        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[rest:], density)
 
-    def vector(self) -> np.ndarray:
-        """The inverse of `of`, (n + 2 + k,)."""
+    def vector(self, densities: Densities | None = None) -> np.ndarray:
+        """The inverse of `of`, (n + 2 + k,), or (2 n + 2 + k,) with densities."""
         damping = self.damping.mass_per_s / MASS_DAMPING_SD, self.damping.stiffness_s / STIFFNESS_DAMPING_SD
-        return np.r_[np.log(self.young), damping, self.detune / FREQUENCY_SD]
+        return np.r_[np.log(self.young), damping, [] if densities is None else densities.unknown(self.density), self.detune / FREQUENCY_SD]
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+    def change(self, before: Physics) -> float:
+        """Largest change of log E and log density of a part."""
+        pairs = [(self.young, before.young)] + ([] if self.density is None or before.density is None else [(self.density, before.density)])
+        return float(max(np.abs(np.log(now / then)).max() for now, then in pairs))
+
+    def bounds(self, densities: Densities | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of a search from here."""
         log_young, free = np.log(self.young), np.full(len(self.detune), np.inf)
         most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
-        return np.r_[log_young - WIDEST, 0.0, 0.0, -free], np.r_[log_young + WIDEST, most, free]
+        density = np.full(0 if densities is None else len(self.young), UNLIKELY)
+        return np.r_[log_young - WIDEST, 0.0, 0.0, -density, -free], np.r_[log_young + WIDEST, most, density, free]
 
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
-    """Residuals in standard deviations: log ratios of neighbouring parts, damping and detuning."""
-    return np.concatenate([np.diff(vector[:parts]) / RATIO_SD, vector[parts:]])
+    """Residuals in standard deviations: log ratios of neighbouring parts, damping, densities where sought and detuning."""
+    return np.concatenate([np.diff(vector[:parts], axis=0) / RATIO_SD, vector[parts:]])
 
 
 @dataclass(frozen=True)
@@ -72,6 +83,7 @@ class Tail:
     at_rest: bool  # whether the oscillation is about the shape of frame 0
     sigma_m: float  # what a frame may miss [m]
     most_modes: int
+    densities: Densities | None = None  # of the parts, where a search is to find them
     data: np.ndarray = field(init=False)  # (K, d)
     times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
 
@@ -107,41 +119,115 @@ class Tail:
 
     def misfit(self, physics: Physics) -> np.ndarray:
         """Observed minus modelled tail [m], (K, d), with the best amplitudes."""
-        omega, decay, seen = self._modes(physics)
-        detune = physics.detune[: len(omega)]
-        omega[: len(detune)] *= np.exp(detune)
-        wave = np.exp(-np.outer(self.times, decay)) * np.exp(1j * np.outer(self.times, omega))
-        shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
-        clock = np.stack(shapes, 2).reshape(len(self.times), -1)  # (K, c k): every mode's functions of time
-        place = np.repeat(seen, len(shapes), 1)  # (d, c k)
-        normal = (clock.T @ clock) * (place.T @ place)
-        right = ((self.data @ place) * clock).sum(0)
-        normal[np.diag_indices(len(normal))] *= 1 + 1e-9
-        amplitude = np.linalg.lstsq(normal, right, rcond=1e-10)[0]
+        clock, place, amplitude = self._fitted(physics)
         return self.data - (clock * amplitude) @ place.T
+
+    def swings(self, physics: Physics) -> np.ndarray:
+        """The fitted motion of each mode over time, root mean square over the points [m], (K, k)."""
+        clock, place, amplitude = self._fitted(physics)
+        kinds = 2 if self.at_rest else 3
+        return (clock * amplitude * np.linalg.norm(place, axis=0)).reshape(len(clock), -1, kinds).sum(2)
+
+    def slope(self, physics: Physics, densities: Densities | None = None) -> np.ndarray:
+        """Derivatives (K d, S) of the misfit over sigma by the S entries of Physics.vector(densities).
+
+        The amplitudes move along: with the misfit r = y - F a and N = F'F, da = N^-1 (dF' r - F' dF a) and dr = -dF a - F da.
+        """
+        clock, place, amplitude = self._fitted(physics)
+        missed = self.data - (clock * amplitude) @ place.T
+        by_clock, by_place = self._changes(physics, densities, clock)
+        moved = (by_clock * amplitude) @ place.T + (clock * amplitude) @ np.swapaxes(by_place, 1, 2)  # dF a
+        right = ((missed @ place) * by_clock).sum(1) + ((missed @ by_place - moved @ place) * clock).sum(1)
+        by_amplitude = _least_squares(_normal(clock, place), right.T).T
+        changes = -moved - (clock * by_amplitude[:, None]) @ place.T
+        return changes.reshape(len(changes), -1).T / self.sigma_m
+
+    def _fitted(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Functions of time (K, c k), shapes (d, c k) and the best amplitudes (c k,) of c functions for each of k modes."""
+        omega, decay, seen = self._modes(physics)
+        wave = np.exp(np.outer(self.times, 1j * omega - decay))
+        shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
+        clock, place = np.stack(shapes, 2).reshape(len(self.times), -1), np.repeat(seen, len(shapes), 1)
+        return clock, place, _least_squares(_normal(clock, place), ((self.data @ place) * clock).sum(0))
+
+    def _changes(self, physics: Physics, densities: Densities | None, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the functions of time (S, K, c k) and of the shapes (S, d, c k) by the entries of Physics.vector(densities)."""
+        omega, decay, _ = self._modes(physics)
+        by_omega, by_decay, by_seen = self._mode_changes(physics, densities, omega, decay)
+        kinds, times = clock.shape[1] // len(omega), self.times[:, None]
+        real, imaginary = clock[:, 0::kinds], clock[:, 1::kinds]
+        by_clock = np.zeros((len(by_omega), *clock.shape))
+        by_clock[..., 0::kinds] = -times * (by_decay[:, None] * real + by_omega[:, None] * imaginary)
+        by_clock[..., 1::kinds] = times * (by_omega[:, None] * real - by_decay[:, None] * imaginary)
+        return by_clock, np.repeat(by_seen, kinds, 2)
 
     def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""
-        omega2, shapes = self.modal.eigen(physics.young)
-        count = int(np.clip((omega2 < (2 * np.pi * FASTEST / self.period_s) ** 2).sum(), 1, self.most_modes))
-        omega2 = np.maximum(omega2[:count], 1e-2)
+        squares, shapes = self.modal.eigen(physics.young, physics.density)
+        omega2 = self._resolved(squares)
         decay = physics.damping.decay(omega2)
-        return np.sqrt(np.maximum(omega2 - decay**2, 1e-2)), decay, self.seen.operator @ shapes[:, :count]
+        omega = np.sqrt(np.maximum(omega2 - decay**2, SLOWEST2))
+        detune = physics.detune[: len(omega)]
+        omega[: len(detune)] *= np.exp(detune)
+        return omega, decay, self.seen.operator @ shapes[:, : len(omega)]
+
+    def _resolved(self, squares: np.ndarray) -> np.ndarray:
+        """Squared angular frequencies (k,) of the modes that the frames resolve."""
+        count = (squares < (2 * np.pi * FASTEST / self.period_s) ** 2).sum()
+        return np.maximum(squares[: min(max(int(count), 1), self.most_modes)], SLOWEST2)
+
+    def _mode_changes(
+        self, physics: Physics, densities: Densities | None, omega: np.ndarray, decay: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of what `_modes` says, (S, k) twice and (S, d, k), by the entries of Physics.vector(densities)."""
+        parts, modes = len(physics.young), len(omega)
+        material, first, squares, by_squares, by_shapes = self._material_changes(physics, densities)
+        size = first + len(physics.detune)
+        omega2, detune = self._resolved(squares), physics.detune[:modes]
+        by_omega2, by_decay, by_omega = (np.zeros((size, modes)) for _ in range(3))
+        by_omega2[material] = np.where(squares[:modes] > SLOWEST2, by_squares[:, :modes], 0.0)
+        by_decay[material] = 0.5 * physics.damping.stiffness_s * by_omega2[material]
+        by_decay[parts], by_decay[parts + 1] = 0.5 * MASS_DAMPING_SD, 0.5 * STIFFNESS_DAMPING_SD * omega2
+        by_inner = np.where(omega2 - decay**2 > SLOWEST2, by_omega2 - 2 * decay * by_decay, 0.0)
+        detuned = np.ones(modes)
+        detuned[: len(detune)] = np.exp(2 * detune)
+        by_omega[:] = 0.5 * detuned * by_inner / omega
+        leading = np.arange(len(detune))
+        by_omega[first + leading, leading] = FREQUENCY_SD * omega[leading]
+        by_seen = np.zeros((size, len(self.seen.operator), modes))
+        by_seen[material] = self.seen.operator @ by_shapes[:, :, :modes]
+        return by_omega, by_decay, by_seen
+
+    def _material_changes(self, physics: Physics, densities: Densities | None) -> tuple[np.ndarray, int, np.ndarray, np.ndarray, np.ndarray]:
+        """Which entries of Physics.vector(densities) are of materials, where the detuning begins, the squared frequencies, and derivatives of
+        these and of the shapes by those entries."""
+        parts = len(physics.young)
+        if densities is None:
+            squares, by_squares, by_shapes = self.modal.eigen_changes(physics.young, physics.density)
+            return np.arange(parts), parts + 2, squares, by_squares[:parts], by_shapes[:parts]
+        density = self.modal.density if physics.density is None else physics.density
+        squares, by_squares, by_shapes = self.modal.eigen_changes(physics.young, density)
+        turn = densities.slope(density).T
+        by_squares = np.concatenate([by_squares[:parts], turn @ by_squares[parts:]])
+        by_shapes = np.concatenate([by_shapes[:parts], np.tensordot(turn, by_shapes[parts:], 1)])
+        return np.r_[:parts, parts + 2 : 2 * parts + 2], 2 * parts + 2, squares, by_squares, by_shapes
 
     def residual(self, vector: np.ndarray) -> np.ndarray:
         """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
         parts = len(self.modal.stiffness)
-        return np.concatenate([self.misfit(Physics.of(vector, parts)).ravel() / self.sigma_m, prior_residual(vector, parts)])
+        return np.concatenate([self.misfit(Physics.of(vector, parts, self.densities)).ravel() / self.sigma_m, prior_residual(vector, parts)])
 
     def search(self, start: Physics) -> tuple[float, Physics]:
         """Cost and physics at the minimum that is reached from a start."""
-        low, high = start.bounds()
-        inside = np.clip(start.vector(), low + 1e-9, high - 1e-9)
+        low, high = start.bounds(self.densities)
+        inside = np.clip(start.vector(self.densities), low + 1e-9, high - 1e-9)
         found = least_squares(self.residual, inside, bounds=(low, high), jac=self._slope, max_nfev=60)
-        return float(found.cost), Physics.of(found.x, len(start.young))
+        return float(found.cost), Physics.of(found.x, len(start.young), self.densities)
 
     def _slope(self, vector: np.ndarray) -> np.ndarray:
-        return differences(self.residual, vector, least=physical(len(vector), len(self.modal.stiffness)))
+        parts = len(self.modal.stiffness)
+        slope = self.slope(Physics.of(vector, parts, self.densities), self.densities)
+        return np.concatenate([slope, prior_residual(np.eye(len(vector)), parts)])  # the priors are linear
 
     def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> Physics:
         """The best of the searches from several ratios between the parts, each matched to the observed frequency.
@@ -155,7 +241,22 @@ class Tail:
         damping = Damping(0.0, min(beta, 0.5 * MOST_STIFFNESS_DAMPING))
         starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]
-        return min(found, key=lambda pair: pair[0])[1]
+        best = min(found, key=lambda pair: pair[0])
+        if self.densities is not None:
+            others = (self.search(replace(best[1], density=density)) for density in self.densities.others(best[1].density))
+            best = min([best, *others], key=lambda pair: pair[0])
+        return best[1]
+
+
+def _normal(clock: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Normal matrix (c k, c k) of the amplitudes."""
+    normal = (clock.T @ clock) * (place.T @ place)
+    normal[np.diag_indices(len(normal))] *= 1 + 1e-9
+    return normal
+
+
+def _least_squares(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(normal, right, rcond=1e-10)[0]
 
 
 def physical(size: int, parts: int) -> np.ndarray:

@@ -1,19 +1,19 @@
 """The least Young's modulus of a part that hardly strains: were it softer, the free motion would show it.
 
-Profile likelihood: the part's modulus is held at one value after another, and all else is fitted to the tail anew, frequencies among it within what
-outline, densities and Poisson's ratios leave open. Softer than the bound, the
-misfit is larger than the best one by more than model errors of the size seen explain.
+Profile likelihood: the part's modulus is held at one value after another, and all else is fitted to the tail anew, densities that nobody told and
+frequencies within what outline and Poisson's ratios leave open among it. Softer than the bound, the misfit is larger than the best one by more than
+model errors of the size seen explain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from ..differences import differences
-from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail, physical
+from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail
 from .uncertainty import excess_of
 
 SURE = 1.645  # standard deviations: one-sided, 95 %
@@ -26,8 +26,8 @@ MOST_EVALUATIONS = 30  # of a search from the neighbouring value's end
 def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, doubt: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Young's moduli (n,) [Pa] that the parts `wanted` (n,) reach with 95 %; NaN for the others, and where the tail tells none.
 
-    `geometry_sd` (n,) is the standard deviation of log10 E that outline and untold materials leave, `doubt` (k, m) what each untold thing changes
-    of the log frequencies of the modes: with other densities than assumed, a softer part may explain the motion as well.
+    `geometry_sd` (n,) is the standard deviation of log10 E that the outline leaves, `doubt` (k, m) what each thing that nobody told, densities
+    apart, changes of the log frequencies of the modes. With other densities than those found, a softer part may explain the motion as well.
     """
     fitted = np.log10(physics.young)
     found = np.full(len(fitted), np.nan)
@@ -69,11 +69,19 @@ def _whitener(doubt: np.ndarray, modes: int) -> np.ndarray:
 def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Callable[[float], float]:
     """Least chi-square of the tail and the priors on all else, with log10 E of `part` so much off what was fitted. No prior ties the part itself
     to its neighbours: they become each other's."""
-    fitted, parts = physics.vector(), len(physics.young)
+    densities, parts = tail.densities, len(physics.young)
+    if densities is not None:
+        physics = replace(physics, density=tail.modal.density)
+    fitted = physics.vector(densities)
+    first = len(fitted) - len(physics.detune)  # of the frequencies
     others = np.flatnonzero(np.arange(len(fitted)) != part)
-    low, high = (bound[others] for bound in physics.bounds())
-    least = physical(len(fitted), parts)[others]
+    low, high = (bound[others] for bound in physics.bounds(densities))
     ends = {0.0: fitted[others]}  # where searches ended, by the change of log10 E
+
+    def priors(vector: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.diff(np.delete(vector[:parts], part, 0), axis=0) / RATIO_SD, vector[parts:first], prior @ vector[first:]])
+
+    by_priors = priors(np.eye(len(fitted)))[:, others]  # they are linear
 
     def least_misfit(change: float) -> float:
         vector = fitted.copy()
@@ -81,13 +89,14 @@ def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Call
 
         def residual(free: np.ndarray) -> np.ndarray:
             vector[others] = free
-            priors = np.r_[np.diff(np.delete(vector[:parts], part)) / RATIO_SD, vector[parts : parts + 2], prior @ vector[parts + 2 :]]
-            return np.r_[tail.misfit(Physics.of(vector, parts)).ravel() / tail.sigma_m, priors]
+            return np.r_[tail.misfit(Physics.of(vector, parts, densities)).ravel() / tail.sigma_m, priors(vector)]
+
+        def slope(free: np.ndarray) -> np.ndarray:
+            vector[others] = free
+            return np.concatenate([tail.slope(Physics.of(vector, parts, densities), densities)[:, others], by_priors])
 
         near = ends[min(ends, key=lambda known: abs(known - change))]
-        found = least_squares(
-            residual, np.clip(near, low + 1e-9, high - 1e-9), bounds=(low, high), jac=lambda free: differences(residual, free, least=least), max_nfev=MOST_EVALUATIONS
-        )
+        found = least_squares(residual, np.clip(near, low + 1e-9, high - 1e-9), bounds=(low, high), jac=slope, max_nfev=MOST_EVALUATIONS)
         ends[change] = found.x
         return float(2 * found.cost)
 

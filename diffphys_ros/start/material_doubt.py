@@ -1,7 +1,8 @@
 """What nobody told of the materials, densities and Poisson's ratios, and what it makes of Young's moduli; to first order, without what gravity does.
 
 Other densities change the square of a mode's frequency by the part's share of its inertia, other Poisson's ratios by what they change of its
-elastic energy (Rayleigh); what the tail fit then makes of E follows from how it bends.
+elastic energy (Rayleigh); what the tail fit then makes of E follows from how it bends. Several modes tell densities as well, so that these may be surer
+than they were before anything was seen.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ import numpy as np
 
 from ..config import Scene
 from ..differences import differences
+from ..linear_systems import inverted
 from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
 from .free_tail import Physics, Tail
-from .uncertainty import Bend
+from .uncertainty import Bend, excess_of
 
-DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700
+SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it
 POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more
 
 
@@ -27,10 +29,14 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     is. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
-    changes, poisson_sd = _untold(body, scene, contrast)
     by_density, by_poisson = mode_changes(tail, physics, body)
-    young_by_density = _taken_on(tail, physics, bend, by_density) @ changes
-    young_by_poisson = _taken_on(tail, physics, bend, by_poisson) * poisson_sd
+    changes, poisson_sd = _untold(tail, physics, bend, body, scene, contrast)
+    if bend is None:
+        young_by_density, young_by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in (by_density, by_poisson))
+    else:
+        young_by_density = _taken_on(bend, _misfit_by_density(tail, physics, body))
+        young_by_poisson = _taken_on(bend, _misfit_by(tail, physics, by_poisson))
+    young_by_density, young_by_poisson = young_by_density @ changes, young_by_poisson * poisson_sd
     nothing = scene.density_kg_m3 is None and scene.mass_kg is None
     return MaterialDoubt(
         density_log_sd=np.hypot(_lengths(changes), ANY_DENSITY if nothing else 0.0),
@@ -40,11 +46,9 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     )
 
 
-def frequency_doubt(tail: Tail, physics: Physics, body: Body, scene: Scene, contrast: float) -> np.ndarray:
-    """What one standard deviation of each thing untold changes of the log frequencies of the modes that the tail is fitted with, (k, m)."""
-    changes, poisson_sd = _untold(body, scene, contrast)
-    by_density, by_poisson = mode_changes(tail, physics, body)
-    return 0.5 * np.hstack([by_density @ changes, by_poisson * poisson_sd])
+def poisson_doubt(tail: Tail, physics: Physics, body: Body, scene: Scene) -> np.ndarray:
+    """What one standard deviation of each part's Poisson's ratio changes of the log frequencies of the modes that the tail is fitted with, (k, n)."""
+    return 0.5 * mode_changes(tail, physics, body)[1] * _poisson_sd(body, scene)
 
 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -63,11 +67,17 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     return -kinetic / kinetic.sum(1, keepdims=True), elastic / squares[:, None]
 
 
-def _untold(body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (n, n) of ln(density) of all parts by one standard deviation of each one's, and standard deviations (n,) of Poisson's ratios."""
-    told = np.full(body.parts, 0.0 if scene.density_kg_m3 is not None else contrast)
-    changes = told[:, None] * _of_equal_mass(body)
-    return changes, np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
+def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (n, n) of ln(density) of all parts by one standard deviation of each of what is left open, which are independent, and standard
+    deviations (n,) of Poisson's ratios."""
+    changes = (0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body)
+    if bend is not None:
+        changes = changes @ _left_open(tail, physics, bend, _misfit_by_density(tail, physics, body) @ changes)
+    return changes, _poisson_sd(body, scene)
+
+
+def _poisson_sd(body: Body, scene: Scene) -> np.ndarray:
+    return np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
 
 
 def _of_equal_mass(body: Body) -> np.ndarray:
@@ -76,18 +86,41 @@ def _of_equal_mass(body: Body) -> np.ndarray:
     return np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)
 
 
-def _taken_on(tail: Tail, physics: Physics, bend: Bend | None, change: np.ndarray) -> np.ndarray:
-    """Derivatives of ln E per part (n, m) by quantities that change ln(omega^2) of the modes by (k, m) each."""
-    parts = len(physics.young)
-    if bend is None:
-        return np.tile(-change[0], (parts, 1))
+def _taken_on(bend: Bend, slope: np.ndarray) -> np.ndarray:
+    """Derivatives (n, m) of ln E per part by quantities by which the misfit changes by (K d, m)."""
+    return -(bend.inverse @ bend.jacobian.T @ slope)[: slope.shape[1]]
+
+
+def _misfit_by_density(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
+    """Derivatives (K d, n) of the tail's misfit, in standard deviations, by ln(density) of each part; without what gravity does where the model
+    does not keep densities apart."""
+    if len(tail.modal.density) != body.parts:
+        return _misfit_by(tail, physics, mode_changes(tail, physics, body)[0])
+    density = tail.modal.density
+    return differences(lambda by: tail.misfit(replace(physics, density=density * np.exp(by))).ravel() / tail.sigma_m, np.zeros(body.parts))
+
+
+def _misfit_by(tail: Tail, physics: Physics, change: np.ndarray) -> np.ndarray:
+    """Derivatives of the tail's misfit, in standard deviations, (K d, m), by quantities that change ln(omega^2) of the modes by (k, m) each."""
     still = np.zeros(len(change))
     still[: len(physics.detune)] = physics.detune
 
     def misfit(by: np.ndarray) -> np.ndarray:
         return tail.misfit(replace(physics, detune=still + 0.5 * change @ by)).ravel() / tail.sigma_m
 
-    return -(bend.inverse @ bend.jacobian.T @ differences(misfit, np.zeros(change.shape[1])))[:parts]
+    return differences(misfit, np.zeros(change.shape[1]))
+
+
+def _left_open(tail: Tail, physics: Physics, bend: Bend, slope: np.ndarray) -> np.ndarray:
+    """Square root (m, m) of the covariance of unknowns with a unit normal prior, whose derivatives of the misfit are (K d, m), where all that the
+    tail is fitted with is free as well and the shape of each mode is known to SHAPE_SD only, which is the same error in all frames."""
+    swings = tail.swings(physics) * SHAPE_SD / tail.sigma_m
+    square, turn = np.linalg.eigh(np.eye(len(swings)) * excess_of(tail, physics) ** 2 + swings @ swings.T)
+    slope, jacobian = ((turn / np.sqrt(square)).T @ each.reshape(len(swings), -1) for each in (slope, bend.jacobian))
+    slope, jacobian = slope.reshape(len(tail.data) * tail.data.shape[1], -1), jacobian.reshape(len(bend.jacobian), -1)
+    shared = jacobian.T @ slope
+    told = slope.T @ slope - shared.T @ inverted(jacobian.T @ jacobian + bend.prior.T @ bend.prior) @ shared
+    return np.linalg.cholesky(np.linalg.inv(np.eye(len(told)) + 0.5 * (told + told.T)))
 
 
 def _lengths(*changes: np.ndarray) -> np.ndarray:

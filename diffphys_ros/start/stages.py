@@ -25,7 +25,7 @@ UNIT_YOUNG = 1e5  # [Pa]; any would do for a linear solid without weight
 WIDE_RATIOS, NARROW_RATIOS = (0.1, 0.35, 3.0), (0.7, 1.4)  # between parts, at which the Ritz basis is exact
 RIGID = 1e-9  # squared frequencies below this share of the largest are rigid motions
 BASES = 3  # most times that the basis is moved to the fit
-SETTLED = 0.1  # change of log E that needs no new basis
+SETTLED = 0.1  # change of log E and log density that needs no new basis
 STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
 PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess
 SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept
@@ -56,6 +56,15 @@ class Fit:
         unit = np.full(evidence.body.parts, UNIT_YOUNG)
         modal = evidence.basis(elements, unit, WIDE_RATIOS if support.has_free_tail else (), loaded=False)
         return cls(evidence, modal, support, guessed(unit))
+
+    @property
+    def tuned(self) -> Fit:
+        """The same with the densities and the frequencies that were found in body and modal model, which has the eigenmodes as basis."""
+        physics, evidence, modal = self.physics, self.evidence, self.modal
+        if physics.density is not None:
+            evidence, modal = replace(evidence, body=replace(evidence.body, density=physics.density)), modal.weighing(physics.density)
+        modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
+        return replace(self, evidence=evidence, modal=modal, physics=replace(physics, density=None))
 
     @property
     def tail(self) -> Tail:
@@ -131,10 +140,12 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
     young = swinging_at(fit.modal, fit.physics.young, hz) * guess_scale
     fit = replace(fit, physics=fit.tail.fit(young, hz, decay))
     for _ in range(BASES):
-        before = fit.physics.young
-        fit = replace(fit, modal=fit.evidence.basis(elements, before, NARROW_RATIOS))
-        fit = replace(fit, physics=fit.tail.search(fit.physics)[1])
-        if np.abs(np.log(fit.physics.young / before)).max() < SETTLED:
+        before = fit.physics
+        if before.density is not None:
+            elements = elements.weighing(before.density)
+        fit = replace(fit, modal=fit.evidence.basis(elements, before.young, NARROW_RATIOS))
+        fit = replace(fit, physics=fit.tail.search(before)[1])
+        if fit.physics.change(before) < SETTLED:
             break
     return fit
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..differences import differences
 from ..elements.mesh import narrowest_limb
 from ..linear_systems import inverted
 from ..types import Body, Tracks
-from .free_tail import FREQUENCY_SD, Physics, Tail, physical, prior_residual
+from .free_tail import FREQUENCY_SD, Physics, Tail, prior_residual
 
 SILHOUETTE_PX = 0.5  # standard deviation of the outline's position
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
@@ -52,9 +51,8 @@ class Bend:
 
     @classmethod
     def of(cls, tail: Tail, physics: Physics) -> Bend:
-        vector, parts = physics.vector(), len(physics.young)
-        jacobian = differences(lambda v: tail.misfit(Physics.of(v, parts)).ravel(), vector, least=physical(len(vector), parts)) / tail.sigma_m
-        prior = differences(lambda v: prior_residual(v, parts), vector)
+        parts = len(physics.young)
+        jacobian, prior = tail.slope(physics), prior_residual(np.eye(len(physics.vector())), parts)
         return cls(jacobian, prior, inverted(jacobian.T @ jacobian + prior.T @ prior))
 
 

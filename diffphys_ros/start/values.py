@@ -13,17 +13,18 @@ from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
+from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
 from .lower_bound import lower_bounds
-from .material_doubt import DENSITY_CONTRAST, frequency_doubt, material_doubt
+from .material_doubt import material_doubt, poisson_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
 MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
-WIDEST_SD = 0.15  # of log10 E that still counts as identified
+WIDEST_SD = 0.2  # of log10 E that still counts as identified
 GUESS_SD = 0.5  # of log10 E of a guess
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
@@ -55,11 +56,13 @@ def start_values(
     from ..elements.assemble import Elements
 
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
-    support, elements = supported(evidence), Elements.of(body)
+    support, densities = supported(evidence), Densities.open(body, settings.scene)
+    elements = Elements.of(body, apart=densities is not None)
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
-    fit = run(stages, Fit.begun(evidence, elements, support))
-    modal = fit.modal.retuned(fit.physics.young, fit.physics.detune).rotated(fit.physics.young)
-    return bounded(values_of(replace(fit, modal=modal)), fit), modal
+    fit = run(stages, Fit.begun(replace(evidence, densities=densities if support.has_free_tail else None), elements, support)).tuned
+    if fit.evidence.densities is not None and _explained_badly(fit):  # then the densities tell what is no free motion
+        fit = run(stages, Fit.begun(evidence, elements, support)).tuned
+    return bounded(values_of(fit), fit), fit.modal
 
 
 def joint_wanted(start: StartValues, settings: Settings) -> bool:
@@ -123,7 +126,7 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
     geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
     sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd, detune), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
-    holds = not (free and explained_badly(residual, evidence.motion.coherent_m, tail.size_m))
+    holds = not (free and _explained_badly(fit))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
     return StartValues(
         **of_motion(fit),
@@ -137,6 +140,7 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
         geometry_sd=geometry_sd,
         young_lower=np.full(len(sd), np.nan),
         material=doubt,
+        density=np.asarray(evidence.body.density, float),
         detuning=detuning,
     )
 
@@ -148,7 +152,8 @@ def bounded(values: StartValues, fit: Fit) -> StartValues:
     if not wanted.any():
         return values
     body, scene = fit.evidence.body, fit.evidence.settings.scene
-    lower = lower_bounds(fit.tail, fit.physics, values.geometry_sd, frequency_doubt(fit.tail, fit.physics, body, scene, DENSITY_CONTRAST), wanted)
+    geometry_sd = outline_sd(body, fit.evidence.tracks) / np.log(10.0)
+    lower = lower_bounds(fit.tail, fit.physics, geometry_sd, poisson_doubt(fit.tail, fit.physics, body, scene), wanted)
     reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
     return replace(values, young_lower=lower, reasons=tuple(reasons))
 
@@ -210,6 +215,12 @@ def _reasons(fit: Fit, sd: np.ndarray, residual: float, detuning: float, *, hold
         else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
         for s in sd
     ]
+
+
+def _explained_badly(fit: Fit) -> bool:
+    """Of a fit whose modal model has its frequencies."""
+    physics = replace(fit.physics, detune=np.zeros_like(fit.physics.detune))
+    return explained_badly(fit.tail.missed_m(physics), fit.evidence.motion.coherent_m, fit.tail.size_m)
 
 
 def explained_badly(residual_m: float, noise_m: float, size_m: float) -> bool:

@@ -96,9 +96,9 @@ def zone_values(
     variance, precision = fit.told(misfit, physics)
     sd = np.sqrt(variance + _outside_variance(body, tracks, division, settings)) / np.log(10)
     sd = sd if excess < ALARM_NOISE**2 else np.hypot(sd, GUESS_SD)
-    modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
-    values = values_of(Fit(evidence, modal, fit.support, physics, footprint), density_contrast=DENSITY_SD)
-    return Zoned(zoned, _told(values, sd, excess), modal, division.part, precision)
+    tuned = Fit(evidence, modal, fit.support, physics, footprint).tuned
+    values = values_of(tuned, density_contrast=DENSITY_SD)
+    return Zoned(zoned, _told(values, sd, excess), tuned.modal, division.part, precision)
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,7 @@ class _Misfit:
     """Of the motion in some frames under given physics."""
 
     of: Callable[[Physics], np.ndarray]  # over what a frame may miss
+    slope: Callable[[Physics], np.ndarray]  # its derivatives by the entries of Physics.vector()
     frames: int
 
     def excess(self, physics: Physics) -> float:
@@ -160,13 +161,21 @@ class _ZoneFit:
     def tail_misfit(self, modal: ModalModel) -> _Misfit:
         """Of the free tail."""
         tail = self.tail(modal)
-        return _Misfit(lambda physics: tail.misfit(physics).ravel() / tail.sigma_m, max(len(tail.data), 1))
+        return _Misfit(lambda physics: tail.misfit(physics).ravel() / tail.sigma_m, tail.slope, max(len(tail.data), 1))
 
     def whole_misfit(self, modal: ModalModel, footprint: Footprint) -> _Misfit:
         """Of all frames under the best force of a family."""
         problem = self.whole(modal)
         load = problem.footprint_load(footprint)
-        return _Misfit(lambda physics: problem.solve(physics, load).residual, int(problem.known.sum()))
+
+        def missed(physics: Physics) -> np.ndarray:
+            return problem.solve(physics, load).residual
+
+        def slope(physics: Physics) -> np.ndarray:
+            vector, count = physics.vector(), len(physics.young)
+            return differences(lambda v: missed(Physics.of(v, count)), vector, least=physical(len(vector), count))
+
+        return _Misfit(missed, slope, int(problem.known.sum()))
 
     def prior(self, vector: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Residuals of the priors: differences between neighbours, by `inside` where they lie in one part; contrast; damping and
@@ -180,15 +189,20 @@ class _ZoneFit:
     def _search(self, physics: Physics, misfit: _Misfit, level: float) -> tuple[float, Physics]:
         """Cost and physics a few steps on."""
 
+        def prior(vector: np.ndarray) -> np.ndarray:
+            return self.prior(vector, lambda difference: cauchy(difference, level))
+
         def residual(vector: np.ndarray) -> np.ndarray:
-            prior = self.prior(vector, lambda difference: cauchy(difference, level))
-            return np.r_[misfit.of(Physics.of(vector, count)), prior]
+            return np.r_[misfit.of(Physics.of(vector, count)), prior(vector)]
+
+        def slope(vector: np.ndarray) -> np.ndarray:
+            return np.concatenate([misfit.slope(Physics.of(vector, count)), differences(prior, vector)])
 
         count, (low, high) = self.division.count, physics.bounds()
         reach = np.r_[np.full(count, FARTHEST), np.full(len(low) - count, np.inf)]
         low, high = np.maximum(low, physics.vector() - reach), np.minimum(high, physics.vector() + reach)
         inside = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
-        found = least_squares(residual, inside, bounds=(low, high), jac=lambda v: differences(residual, v, least=physical(len(v), count)), max_nfev=STEPS, ftol=1e-4)
+        found = least_squares(residual, inside, bounds=(low, high), jac=slope, max_nfev=STEPS, ftol=1e-4)
         return float(found.cost), Physics.of(found.x, count)
 
     def told(self, misfit: _Misfit, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
@@ -196,7 +210,7 @@ class _ZoneFit:
         covariance is that under the Cauchy prior; the variance allows that stiffness changes gradually all along, or that any
         one border is one of materials unseen."""
         vector, count = physics.vector(), self.division.count
-        slope = differences(lambda v: misfit.of(Physics.of(v, count)), vector, least=physical(len(vector), count))
+        slope = misfit.slope(physics)
         data = slope.T @ slope / misfit.excess(physics)
 
         def covariance(inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

@@ -95,7 +95,7 @@ class _Template:
         return place, self._likeness(_read(image, place[:, None] + arms))
 
     def _answer(self, seen: np.ndarray) -> np.ndarray:
-        return np.einsum("nik,nk->ni", self.solver, seen)
+        return (self.solver @ seen[..., None])[..., 0]
 
     def _likeness(self, seen: np.ndarray) -> np.ndarray:
         weight, patch = self.weight, self.patch

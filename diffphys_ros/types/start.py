@@ -54,4 +54,5 @@ class StartValues:
     geometry_sd: np.ndarray  # of log10 E by outline and what is not told of the materials alone, shape (n,)
     young_lower: np.ndarray  # least modulus of parts that hardly strain, with 95 % [Pa], shape (n,); NaN elsewhere and where none is known
     material: MaterialDoubt
+    density: np.ndarray  # told, assumed, or with the mass told found in the free motion [kg/m^3], shape (n,)
     detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

@@ -1,5 +1,5 @@
-"""Whole recoveries of the bundled clips, each made once for all gates that look at it: with the defaults of a gate through the command
-line, with flags of its own through the library, which leaves out the files that people look at.
+"""Whole recoveries of the bundled clips, each made once for all gates that look at it, without the files that people look at: through the
+library, which gives what the command line gives (tests/test_main.py).
 
 A gate compares recovered quantities (stiffness, force, trajectory, spread) with the truth of another simulator. Nothing here
 knows how the answer is found, so that the gates survive when that is written anew.
@@ -18,8 +18,10 @@ import pytest
 from diffphys_ros import config, inverse, result
 from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
+from diffphys_ros.bags.write import write_recording
+from diffphys_ros.msg_schemas import recording
 from diffphys_ros.score import net_force, read_truth
-from diffphys_ros.types import Recovery
+from diffphys_ros.types import Clip, Recovery
 
 from .clips import in_fading_light
 
@@ -89,18 +91,17 @@ def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str]
             out = tmp_path_factory.mktemp("_".join(key).replace("-", "").replace("/", "")[:60])
             words = QUICK[kind]
             quick = [word for pair in zip(words[::2], words[1::2], strict=True) if pair[0] not in flags for word in pair]
-            if flags:
-                solved(ingested(kind), out, *quick, *flags)
-            else:
-                assert main(["recover", str(ingested(kind)), "--out", str(out), *quick]) == 0
+            recovery, clip, settings = solved(ingested(kind), out, *quick, *flags)
+            if not flags:
+                write_recording(out / result.RECORDING, recording(recovery, clip, settings))
             answers[key] = scored(out, folder_of(kind) / "truth.npz")
         return answers[key]
 
     return recover
 
 
-def solved(clip: Path, out: Path, *words: str) -> None:
-    """What is recovered from a clip.npz, in `out`."""
+def solved(clip: Path, out: Path, *words: str) -> tuple[Recovery, Clip, config.Settings]:
+    """What is recovered from a clip.npz, in `out` as well; of which clip, and by which settings."""
     known = config.leaves()
     flags = {name[2:]: config.parse_text(known[name[2:]], text) for name, text in zip(words[::2], words[1::2], strict=True)}
     settings, prepared = config.layered((), flags, base=result.stored_settings(clip)), result.load_prepared(clip)
@@ -110,7 +111,7 @@ def solved(clip: Path, out: Path, *words: str) -> None:
             next(steps)
         except StopIteration as stop:
             result.save(stop.value[2], prepared.clip, settings, out)
-            return
+            return stop.value[2], prepared.clip, settings
 
 
 def scored(folder: Path, truth: Path) -> Answer:

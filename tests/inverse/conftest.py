@@ -60,7 +60,7 @@ def make_start(body: Body, modal, young=YOUNG, force_peak=600.0) -> StartValues:
     f = modal.frequencies(young)
     return StartValues(
         young.copy(), np.full(2, 0.03), Damping(0.2, 1e-3), forced, Footprint(), force, np.zeros(r), np.zeros(r),
-        f, f[:1], np.zeros(1), 1e-4, np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2),
+        f, f[:1], np.zeros(1), 1e-4, np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2), body.density,
     )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def as_one_part(prepared: Prepared, log10_young_sd: float) -> Prepared:
     mean = np.array([1.7e5])
     modal = modal_model(Elements.of(body), [mean], [8])
     still = np.zeros(modal.modes)
-    one = {"young": mean, "log10_young_sd": np.array([log10_young_sd]), "identified": np.ones(1, bool), "reasons": ("seen",), "geometry_sd": np.full(1, 0.01), "young_lower": np.full(1, np.nan), "material": MaterialDoubt.none(1)}
+    one = {"young": mean, "log10_young_sd": np.array([log10_young_sd]), "identified": np.ones(1, bool), "reasons": ("seen",), "geometry_sd": np.full(1, 0.01), "young_lower": np.full(1, np.nan), "material": MaterialDoubt.none(1), "density": body.density}
     start = replace(prepared.start, initial_displacement=still, initial_velocity=still, frequencies_hz=modal.frequencies(mean), **one)
     return replace(prepared, body=body, modal=modal, start=start)
 

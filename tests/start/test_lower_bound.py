@@ -21,7 +21,7 @@ from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, setting
 def found(*young: float, **told: object) -> StartValues:
     """Of a bar with moduli [Pa] from the clamp outwards, of which no density is told unless one is."""
     truth = modes_of(bar(edges=EDGES), np.array(young), finer=0.85, count=12)
-    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True, **told))[0]
+    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True, **({"density_kg_m3": None} | told)))[0]
 
 
 EDGES = (0.24,)  # the outer part is a fifth of the bar: its tip, which bends hardly at all

@@ -11,8 +11,9 @@ import pytest
 from diffphys_ros.damping import Damping
 from diffphys_ros.elements.assemble import Elements
 from diffphys_ros.start import start_values
+from diffphys_ros.start.densities import DENSITY_CONTRAST
 from diffphys_ros.start.free_tail import Physics
-from diffphys_ros.start.material_doubt import DENSITY_CONTRAST, POISSON_SD, mode_changes
+from diffphys_ros.start.material_doubt import POISSON_SD, mode_changes
 from diffphys_ros.types import Body, StartValues
 from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
 
@@ -26,7 +27,7 @@ def started(contrast: float, **scene: object) -> StartValues:
     modal = modes_of(body, YOUNG, finer=0.85, count=12)
     seen = tracks(modal, motion(modal, YOUNG, gust()))
     told = "density_kg_m3" in scene
-    return start_values(body if told else even, seen, PERIOD_S, settings(at_rest=True, **(scene | ({"density_kg_m3": density.tolist()} if told else {}))))[0]
+    return start_values(body if told else even, seen, PERIOD_S, settings(at_rest=True, **({"density_kg_m3": None} | scene | ({"density_kg_m3": density.tolist()} if told else {}))))[0]
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -28,12 +29,14 @@ def shake(px: float, seed: int = 0) -> np.ndarray:
     return moved - moved[0]
 
 
+@cache
 def wall() -> np.ndarray:
     """Patterned all over."""
     noise = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN)).astype(np.float32), (0, 0), 3)
     return 60 + 120 * (noise - noise.min()) / np.ptp(noise)
 
 
+@cache
 def plain() -> np.ndarray:
     """Without any mark."""
     return np.full((HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN), 150, np.float32) + np.linspace(0, 20, WIDTH + 2 * MARGIN, dtype=np.float32)
