@@ -21,7 +21,7 @@ from .contact import contact
 from .transfer import stencil
 
 # Warp reads annotations as values; mypy knows neither them nor what follows from them:
-# mypy: disable-error-code="attr-defined,valid-type"
+# mypy: disable-error-code="attr-defined,operator,valid-type"
 
 
 @cache
