@@ -16,11 +16,11 @@ from diffphys_ros.types import Clip
 from tools.sample_maker.messages import clip_messages
 
 
-def write(folder: Path) -> Path:
-    """clip.mcap, given.yaml and mask0.png as in the sample's folder; returns `folder`."""
+def write(folder: Path, *, frames: int | None = None) -> Path:
+    """clip.mcap, given.yaml and mask0.png as in the sample's folder, of the first `frames` where given; returns `folder`."""
     sample = sample_folder()
     clip = halved(read_clip(sample / "clip.mcap", config.build({})))
-    write_recording(folder / "clip.mcap", clip_messages(clip.camera, clip.frames, clip.depth))
+    write_recording(folder / "clip.mcap", clip_messages(clip.camera, clip.frames[:frames], clip.depth[:frames]))
     cv2.imwrite(str(folder / "mask0.png"), cv2.imread(str(sample / "mask0.png"), cv2.IMREAD_GRAYSCALE)[::2, ::2])
     (folder / "given.yaml").write_text((sample / "given.yaml").read_text())
     return folder

@@ -19,7 +19,7 @@ from diffphys_ros.inverse.descent import Descent
 from tests.coarse import coarse_elements
 
 QUICK = [
-    *("--particles.cells", "3", "--experiment.per_cell", "1.5", "--fit.iterations", "1"),
+    *("--particles.cells", "3", "--experiment.per_cell", "1", "--fit.iterations", "1"),
     *("--experiment.splat_iterations", "4", "--splats.max_count", "300", "--splats.refine_frames", "3"),
 ]
 

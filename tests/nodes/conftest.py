@@ -25,6 +25,8 @@ splats: {max_count: 300, refine_frames: 2}
 experiment: {per_cell: 2.0, splat_iterations: 3}
 """
 
+FRAMES = 26  # of the half sample; its force ends with frame 10
+
 try:
     import rclpy
 except ImportError:
@@ -40,6 +42,14 @@ class WithoutRos(pytest.Module):
 
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
     return WithoutRos.from_parent(parent, path=module_path) if rclpy is None else None
+
+
+@pytest.fixture(scope="session")
+def half_sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As elsewhere, ended as soon as its free motion tells the stiffness: what processes do with a clip is the same."""
+    from tests import halved
+
+    return halved.write(tmp_path_factory.mktemp("half_sample"), frames=FRAMES)
 
 
 @pytest.fixture(scope="session")
