@@ -24,6 +24,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
         "inertia": (parts, modes, modes),
         "prestress": (parts, modes, modes),
         "weight": (parts, modes),
+        "density": (parts,),
         "retuning": (modes, modes),
     }
     drawn = {f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)}

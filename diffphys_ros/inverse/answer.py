@@ -78,6 +78,7 @@ def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
         "damping_shapes": damping.shapes,
         "damping_gradients": damping.gradients,
         "damping_frequencies": damping.angular_frequencies,
+        "damping_own": damping.own,
     }
     return MpmProblem(
         ghost=p.ghost,

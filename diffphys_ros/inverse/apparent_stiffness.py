@@ -33,6 +33,7 @@ class Apparent:
 
     ratio: np.ndarray  # squared frequency ratios, (k,)
     share: np.ndarray  # of the observed motion, sums to 1, (k,)
+    loss: np.ndarray  # log amplitude that the lattice alone takes of each mode in a substep, (k,)
 
     @property
     def value(self) -> float:
@@ -49,7 +50,8 @@ class Apparent:
 def measure_apparent(particles: Particles, grid: Grid, modal: ModalModel, young: np.ndarray, share: np.ndarray, *, device: str = "cpu") -> Apparent:
     """Release the modes that carry `share` (k,) of the motion and fit their frequencies; young (n,) [Pa]. Gravity is left out."""
     omega, value, gradient = elastic_modes(modal, young, particles, np.arange(len(share)))
-    return Apparent(swing_ratios(particles, grid, young, omega, value, gradient, device=device), share)
+    ratio, loss = swings(particles, grid, young, omega, value, gradient, device=device)
+    return Apparent(ratio, share, loss)
 
 
 def elastic_modes(modal: ModalModel, young: np.ndarray, particles: Particles, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -64,7 +66,15 @@ def elastic_modes(modal: ModalModel, young: np.ndarray, particles: Particles, ch
 def swing_ratios(
     particles: Particles, grid: Grid, young: np.ndarray, omega: np.ndarray, value: np.ndarray, gradient: np.ndarray, *, device: str = "cpu"
 ) -> np.ndarray:
-    """Squared ratios (k,) of the frequencies at which the solver swings in given mode shapes to the given ones.
+    """Squared ratios (k,) of `swings`."""
+    return swings(particles, grid, young, omega, value, gradient, device=device)[0]
+
+
+def swings(
+    particles: Particles, grid: Grid, young: np.ndarray, omega: np.ndarray, value: np.ndarray, gradient: np.ndarray, *, device: str = "cpu"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared ratios (k,) of the frequencies at which the solver swings in given mode shapes to the given ones, and the log amplitude
+    (k,) that it takes of them in a substep: transfers between particles and grid smooth what they carry.
 
     All k modes start together, at velocities small enough for them not to meet. young (n,) [Pa]; the rest as `elastic_modes` gives it.
     """
@@ -76,8 +86,8 @@ def swing_ratios(
     length = float(np.ptp(particles.x_rest, axis=0).max())
     rate = omega * AMPLITUDE * length / np.abs(value).max((0, 1))
     coordinates = _swing(simulator, value, gradient, rate, each, frames)
-    found = [_squared_ratio(q, w, period_s) for q, w in zip(coordinates.T, omega, strict=True)]
-    return np.clip(found, LOW, HIGH)
+    ratio, decay = np.array([_squared_ratio_and_decay(q, w, period_s) for q, w in zip(coordinates.T, omega, strict=True)]).T
+    return np.clip(ratio, LOW, HIGH), np.maximum(decay, 0.0) * period_s / substeps
 
 
 def _swing(simulator: Simulator, value: np.ndarray, gradient: np.ndarray, rate: np.ndarray, young: np.ndarray, frames: int) -> np.ndarray:
@@ -94,8 +104,8 @@ def _swing(simulator: Simulator, value: np.ndarray, gradient: np.ndarray, rate: 
     return np.linalg.solve(gram, np.einsum("kpc,tpc->kt", projection, moved)).T
 
 
-def _squared_ratio(q: np.ndarray, omega: float, period_s: float) -> float:
-    """(frequency of q / omega)^2 by a damped sine through the origin."""
+def _squared_ratio_and_decay(q: np.ndarray, omega: float, period_s: float) -> tuple[float, float]:
+    """(frequency of q / omega)^2, and the rate [1/s] at which q decays, by a damped sine through the origin."""
     t, q = np.arange(len(q)) * period_s, q / np.abs(q).max()  # of order one: the solver's tolerances are absolute
 
     def wave(p: np.ndarray) -> np.ndarray:
@@ -106,7 +116,7 @@ def _squared_ratio(q: np.ndarray, omega: float, period_s: float) -> float:
         return basis @ np.linalg.lstsq(basis, q, rcond=None)[0] - q
 
     fit = least_squares(residual, [1.0, 0.1], x_scale=[0.1, 1.0], bounds=([np.sqrt(LOW), -1.0], [np.sqrt(HIGH), 20.0]))
-    return float(fit.x[0] ** 2)
+    return float(fit.x[0] ** 2), float(fit.x[1])
 
 
 def motion_share(modal: ModalModel, young: np.ndarray, coordinates: np.ndarray) -> np.ndarray:

@@ -51,6 +51,7 @@ class Discretisation:
     grid: Grid
     apparent: float  # E_apparent / E of this lattice on this body; E_true = E_solver * apparent
     expected_log10_error: float  # of E_solver * apparent, by the grid alone
+    loss: np.ndarray  # log amplitude that the lattice alone takes of the lowest modes in a substep, (k,)
     basis: np.ndarray  # modal basis at the particles, 0 at ghosts, (P, 3, r)
     basis_gradient: np.ndarray  # [1/m], (P, 3, 3, r)
     sag_gradient: np.ndarray | None  # of the static displacement under gravity, (P, 3, 3)
@@ -68,17 +69,17 @@ def discretise(prepared: Prepared, plan: Plan, *, device: str, dense: DensePoint
     return Discretisation(particles, grid, *_apparent(prepared, plan, particles, grid, device), value, gradient, sag)
 
 
-def _apparent(prepared: Prepared, plan: Plan, particles: Particles, grid: Grid, device: str) -> tuple[float, float]:
-    """The lattice's apparent stiffness and the error of log10 E that is left once it is corrected for."""
+def _apparent(prepared: Prepared, plan: Plan, particles: Particles, grid: Grid, device: str) -> tuple[float, float, np.ndarray]:
+    """The lattice's apparent stiffness, the error of log10 E that is left once it is corrected for, and its loss by mode."""
     if not prepared.body.clamped or not plan.simulates:
-        return 1.0, UNMEASURED
+        return 1.0, UNMEASURED, np.zeros(0)
     young = prepared.start.young
     share = motion_share(prepared.modal, young, linear_coordinates(prepared))
     try:
         found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)
     except SimulationError:  # the search will say what the grid does not carry
-        return 1.0, UNMEASURED
-    return found.value, found.expected_log10_error
+        return 1.0, UNMEASURED, np.zeros(0)
+    return found.value, found.expected_log10_error, found.loss
 
 
 def reach_of(prepared: Prepared) -> float:
@@ -239,4 +240,6 @@ class ForwardModel:
         young = self.prepared.start.young
         omega2, shapes = self.prepared.modal.eigen(young)
         shapes, omega = shapes[:, :DAMPED_MODES], np.sqrt(np.maximum(omega2[:DAMPED_MODES], 0.0))
-        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega)
+        own = np.zeros_like(omega)
+        own[: len(self.disc.loss)] = self.disc.loss[: len(omega)] * self.simulator.substeps / self.simulator.period_s
+        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega, own)

@@ -22,9 +22,10 @@ from .transition import Simulator
 class ModalDamping:
     """The frame-boundary kick for k mode shapes of one body."""
 
-    def __init__(self, shapes: Tensor, gradients: Tensor, angular_frequencies: Tensor, mass: Tensor, *, period_s: float):
+    def __init__(self, shapes: Tensor, gradients: Tensor, angular_frequencies: Tensor, mass: Tensor, *, period_s: float, own: Tensor | None = None):
         """`shapes` (P, 3, k) at the particles' rest positions, in any scale; `gradients` (P, 3, 3, k): d(shape_a)/dX_b [1/m];
-        `angular_frequencies` (k,) [rad/s]; `mass` (P,) [kg]; `period_s` between frames. Raises InputError."""
+        `angular_frequencies` (k,) [rad/s]; `mass` (P,) [kg]; `period_s` between frames; `own` (k,) [1/s]: at which rate the simulator alone makes the modes
+        decay, which is given back. Raises InputError."""
         count, _, modes = shapes.shape
         if gradients.shape != (count, 3, 3, modes) or angular_frequencies.shape != (modes,) or mass.shape != (count,):
             raise InputError(
@@ -34,20 +35,25 @@ class ModalDamping:
         weighted = shapes * mass[:, None, None]
         gram = torch.einsum("pak,pal->kl", weighted, shapes)
         self.shapes, self.gradients, self.angular_frequencies = shapes, gradients, angular_frequencies
+        self.own = torch.zeros_like(angular_frequencies) if own is None else own
         self.rates = angular_frequencies**2 * period_s  # loss exponent of one frame over beta
+        self.gain = 2.0 * self.own * period_s  # of one frame: velocity alone makes up for what velocity and displacement lost
         self.projection = torch.linalg.solve(gram, weighted.flatten(0, 1).T)  # modal velocity of a field (k, 3 P)
 
     @classmethod
-    def of(cls, simulator: Simulator, shapes: np.ndarray, gradients: np.ndarray, angular_frequencies: np.ndarray) -> ModalDamping:
+    def of(
+        cls, simulator: Simulator, shapes: np.ndarray, gradients: np.ndarray, angular_frequencies: np.ndarray, own: np.ndarray | None = None
+    ) -> ModalDamping:
         """From arrays, in the scalar type, device, masses and frame period of a Simulator."""
         mass = simulator.density * simulator.volume
         see = simulator.tensor
-        return cls(see(shapes), see(gradients), see(angular_frequencies), mass, period_s=simulator.period_s)
+        back = None if own is None else see(own)
+        return cls(see(shapes), see(gradients), see(angular_frequencies), mass, period_s=simulator.period_s, own=back)
 
     def kick(self, state: State, beta: Tensor | float) -> State:
         """The state after one frame's worth of viscous loss; `beta` [s] >= 0, in a batch also (B,). Differentiable in both."""
         beta = torch.as_tensor(beta, dtype=self.rates.dtype, device=self.rates.device)[..., None]
         amplitude = state.v.flatten(-2) @ self.projection.T
-        lost = -torch.expm1(-beta * self.rates) * amplitude
+        lost = -torch.expm1(self.gain - beta * self.rates) * amplitude
         v = state.v - (lost @ self.shapes.flatten(0, -2).T).view_as(state.v)
         return state.replace(v=v, C=state.C - (lost @ self.gradients.flatten(0, -2).T).view_as(state.C))

@@ -112,8 +112,8 @@ class Simulator:
         `force_lattice` nodes along each axis (see ForceLattice) is read at the nodes. `planes` are floor and walls, met in
         this order, `handle` moves what it holds.
         `anchored`: particles keep the weights that they have at the start of a rollout (total Lagrangian: de Vaucorbeil et al. 2020),
-        so that x and F stay one motion however long it lasts. Where they do not, weights move along: what flows and what meets
-        planes or a handle needs that. None: anchored where possible and where there are ANCHORED_PER_CELL particles. Raises InputError.
+        so that x and F stay one motion however long it lasts. Where they do not, weights move along: what flows and what
+        planes or a handle hold needs that, what may leave its planes again does not. None: anchored where possible and where there are ANCHORED_PER_CELL particles. Raises InputError.
         """
         _check_name("law", law, LAWS)
         _check_name("force_on", force_on, FORCE_ON)
@@ -373,9 +373,10 @@ class Simulator:
         return self._each(torch.cat([state.x, state.F.flatten(-2)], -1), len(self.volume), 12)
 
     def _check_anchored(self, wanted: bool | None) -> bool:
-        possible = self.law.elastic and not self.borders
+        lets_go = self.borders.handle is None and all(plane.kind == "separate" for plane in self.borders.planes)
+        possible = self.law.elastic and lets_go
         if wanted and not possible:
-            raise InputError("anchored: what flows, and what meets planes or a handle, has weights that move along; leave `anchored` out")
+            raise InputError("anchored: what flows, and what planes or a handle hold, has weights that move along; leave `anchored` out")
         per_cell = self.grid.dx / float(np.median(self.particles.volume)) ** (1 / 3)
         return possible and per_cell >= ANCHORED_PER_CELL if wanted is None else wanted
 

@@ -36,6 +36,7 @@ class MpmProblem:
     plane_offset: np.ndarray  # material stays where normal . x >= offset [m], shape (K,)
     plane_friction: np.ndarray  # Coulomb's coefficient, shape (K,)
     plane_kind: np.ndarray  # "sticky", "slip" or "separate", shape (K,)
+    damping_own: np.ndarray | None = None  # rates at which the solver alone makes these modes decay, given back once a frame [1/s], shape (m,)
     field_force: np.ndarray | None = None  # on top of force * force_weight [N/m^3], as it acted, shape (T - 1, P, 3)
 
 

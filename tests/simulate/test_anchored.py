@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.simulate import Plane, Simulator, State
+from diffphys_ros.simulate import Handle, Plane, Simulator, State
 
 from .bodies import block, full, simulator
 
@@ -34,17 +34,25 @@ def tip(sim: Simulator, state: State) -> float:
     return float(state.x[sim.x_rest[:, 0] > TIP, 1].mean())
 
 
-def test_a_body_set_swinging_under_gravity_and_damped_comes_to_rest_where_it_was():
+STRUCK = -0.058  # [m]: a floor that the swinging tip strikes; the hanging one ends at -0.042 m
+
+
+@pytest.mark.parametrize("floor", [None, -0.2, STRUCK], ids=["no floor", "a floor out of reach", "a floor that its tip strikes"])
+def test_a_body_set_swinging_under_gravity_and_damped_comes_to_rest_where_it_was(floor):
     """With weights that move along it comes to rest a tenth of its sag lower."""
-    sim = beam()
+    sim = beam(planes=[] if floor is None else [Plane((0, 1, 0), floor)])
     start = sim.rest()
     with torch.no_grad():
         hanging = onward(sim, start, start, 12.0, 40)
         along = SWING * (sim.x_rest[:, :1] / LENGTH) ** 2
-        swung = onward(sim, hanging.replace(v=along * sim.tensor([0.0, 1.0, 0.0])), start, 0.0, 20)
-        resting = onward(sim, swung, start, 12.0, 40)
+        swinging = [hanging.replace(v=along * sim.tensor([0.0, 1.0, 0.0]))]
+        for _ in range(20):
+            swinging.append(onward(sim, swinging[-1], start, 0.0, 1))
+        resting = onward(sim, swinging[-1], start, 12.0, 40)
     sag = tip(sim, start) - tip(sim, hanging)
     assert sag > LENGTH / 8, "the body must hang under its weight for this to mean anything"
+    lowest = min(float(state.x[:, 1].min()) for state in swinging)
+    assert (lowest > STRUCK) == (floor == STRUCK), "the floor must be struck where it is to be, and hold"
     assert abs(tip(sim, resting) - tip(sim, hanging)) < 1e-3 * sag
 
 
@@ -116,10 +124,14 @@ def test_the_gradient_along_the_start_that_a_whole_rollout_is_anchored_to_equals
     assert float((bar * steps[name]).sum()) == pytest.approx((ahead - behind) / 2e-4, rel=1e-5)
 
 
-@pytest.mark.parametrize("options", [{"law": "von_mises"}, {"planes": [Plane((0, 1, 0), -0.5)]}], ids=["flows", "meets a floor"])
-def test_what_flows_or_meets_a_floor_is_not_anchored(options):
+STICKY, GRIP = Plane((0, 1, 0), -0.5, "sticky"), Handle((-0.02, -1.0, -1.0), (0.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("options", [{"law": "von_mises"}, {"planes": [STICKY]}, {"handle": GRIP}], ids=["flows", "stuck", "held"])
+def test_what_flows_or_is_held_is_not_anchored(options):
     assert not beam(**options).anchored
     assert beam().anchored
+    assert beam(planes=[Plane((0, 1, 0), -0.5)]).anchored
     with pytest.raises(InputError, match="leave `anchored` out"):
         beam(anchored=True, **options)
 

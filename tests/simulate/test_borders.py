@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from .bodies import block, full, masses, simulator
 from .test_physics import energy
 
 G, DX, PERIOD_S = 9.81, 0.02, 1 / 60
+ANCHORED = pytest.mark.parametrize("anchored", [True, False], ids=["anchored", "moving"])
 ROOT = Handle(low=(-math.inf,) * 3, high=(0.0, math.inf, math.inf))  # holds what a clamp of the beam at x = 0 holds
 
 
@@ -27,16 +29,15 @@ def mean(sim: Simulator, field: Tensor) -> Tensor:
     return (masses(sim)[:, None] * field).sum(-2) / masses(sim).sum()
 
 
-def tilted(degrees: float, friction: float) -> tuple[Simulator, Tensor, Tensor]:
+def tilted(degrees: float, friction: float, *, anchored: bool | None = None) -> tuple[Simulator, Tensor, Tensor]:
     """A block that lies on a floor which is inclined against the grid; unit vectors down the slope and out of the floor."""
     turn = _turn(degrees)
     particles, grid = block((4, 3, 2), dx=DX, clamped=False, margin=7)
     middle = np.array([2.0, 1.5, 1.0]) * DX
     particles = dataclasses.replace(particles, x_rest=(particles.x_rest - middle) @ turn.T + middle)
     up, bottom = turn[:, 2], middle - DX * turn[:, 2]
-    sim = simulator(
-        (particles, grid), substeps=60, period_s=PERIOD_S, gravity=(0, 0, -G), planes=[Plane(up, up @ bottom, friction=friction)]
-    )
+    options = {"planes": [Plane(up, up @ bottom, friction=friction)], "anchored": anchored}
+    sim = simulator((particles, grid), substeps=60, period_s=PERIOD_S, gravity=(0, 0, -G), **options)
     return sim, sim.tensor(turn[:, 0]), sim.tensor(up)
 
 
@@ -52,32 +53,36 @@ def roll(sim: Simulator, frames: int, *, start: State | None = None, young: floa
         return sim.rollout(start or sim.rest(), full(sim, young), full(sim, 0.3), force, damping, **options)
 
 
+@ANCHORED
 @pytest.mark.parametrize(("degrees", "friction"), [(30, 0.3), (20, 0.0), (45, 0.5)])
-def test_a_block_slides_down_an_inclined_floor_at_g_sin_minus_mu_cos(degrees, friction):
-    sim, down, up = tilted(degrees, friction)
+def test_a_block_slides_down_an_inclined_floor_at_g_sin_minus_mu_cos(degrees, friction, anchored):
+    sim, down, up = tilted(degrees, friction, anchored=anchored)
     path, angle = roll(sim, 6), math.radians(degrees)
     expected = G * (math.sin(angle) - friction * math.cos(angle)) * 6 * PERIOD_S
     assert float(mean(sim, path.v[-1]) @ down) == pytest.approx(expected, rel=0.01)
     assert float((mean(sim, path.x[-1] - path.x[0]) @ up).abs()) < 0.02 * DX, "it must stay on the floor"
 
 
-def test_below_the_friction_angle_a_block_sticks():
-    sim, down, _ = tilted(10, 0.3)
+@ANCHORED
+def test_below_the_friction_angle_a_block_sticks(anchored):
+    sim, down, _ = tilted(10, 0.3, anchored=anchored)
     path = roll(sim, 16)  # the first half for the block to sag under its own weight
     free_slide = G * math.sin(math.radians(10)) * (8 * PERIOD_S) ** 2 / 2
     assert abs(float(mean(sim, path.x[-1] - path.x[8]) @ down)) < 0.01 * free_slide
     assert abs(float(mean(sim, path.v[-1]) @ down)) < 0.01 * G * 8 * PERIOD_S
 
 
-def falling(kind: str, friction: float, offset: float = 0.0, margin: int = 6) -> Simulator:
+def falling(kind: str, friction: float, offset: float = 0.0, margin: int = 6, anchored: bool | None = None) -> Simulator:
     """A block a cell above a floor."""
     body = block((3, 3, 2), dx=DX, clamped=False, margin=margin, offset=offset)
-    return simulator(body, substeps=35, period_s=PERIOD_S, gravity=(0, 0, -G), planes=[Plane((0, 0, 1), -DX, kind, friction)])
+    options = {"planes": [Plane((0, 0, 1), -DX, kind, friction)], "anchored": anchored}
+    return simulator(body, substeps=35, period_s=PERIOD_S, gravity=(0, 0, -G), **options)
 
 
+@ANCHORED
 @pytest.mark.parametrize("offset", [0.0, 0.3, 0.6, 0.9])  # of the grid against the floor, in cells
-def test_a_dropped_block_comes_to_rest_on_the_floor_and_keeps_its_horizontal_momentum(offset):
-    sim = falling("separate", 0.0, offset)
+def test_a_dropped_block_comes_to_rest_on_the_floor_and_keeps_its_horizontal_momentum(offset, anchored):
+    sim = falling("separate", 0.0, offset, anchored=anchored)
     glide = sim.tensor([0.07, -0.03, 0.0]).expand_as(sim.x_rest)
     landed = State(roll(sim, 20, start=sim.rest(v=glide), young=1e5, damping=20.0).data[-1])
     still = landed.replace(v=landed.v + glide - mean(sim, landed.v))  # its horizontal speed again, after the heavy damping
@@ -88,18 +93,22 @@ def test_a_dropped_block_comes_to_rest_on_the_floor_and_keeps_its_horizontal_mom
     torch.testing.assert_close(mean(sim, path.v[-1])[:2], mean(sim, still.v)[:2], rtol=1e-10, atol=0)
 
 
-def test_where_a_block_comes_to_rest_does_not_depend_on_how_high_it_fell_from_and_the_gradient_says_so():
-    sim = falling("separate", 0.0, 0.3)
+@ANCHORED
+def test_where_a_block_comes_to_rest_does_not_depend_on_how_high_it_fell_from_and_the_gradient_says_so(anchored):
+    """Anchored at one place whatever the height: where that lies in the grid changes the resting height by 0.005 cells."""
+    sim = falling("separate", 0.0, 0.3, anchored=anchored)
     height = torch.tensor(0.2 * DX, dtype=torch.float64, requires_grad=True)
-    up, force = sim.tensor(np.array([0.0, 0.0, 1.0])), torch.zeros(16, *sim.x_rest.shape)
-    path = sim.rollout(sim.rest(x=sim.x_rest + height * up), full(sim, 1e5), full(sim, 0.3), force, 20.0)
-    falls, rests = (torch.autograd.grad(mean(sim, path.x[k])[2], height, retain_graph=True)[0] for k in (3, -1))
+    states = [sim.rest(x=sim.x_rest + height * sim.tensor(np.array([0.0, 0.0, 1.0])))]
+    for _ in range(16):
+        states.append(sim.frame(states[-1], full(sim, 1e5), full(sim, 0.3), None, 20.0, anchor=sim.rest()))
+    falls, rests = (torch.autograd.grad(mean(sim, states[k].x)[2], height, retain_graph=True)[0] for k in (3, -1))
     assert float(falls) == pytest.approx(1.0)
     assert abs(float(rests)) < 0.1
 
 
-def test_a_sliding_block_loses_mu_times_the_momentum_that_the_floor_gives_it():
-    sim, friction = falling("separate", 0.1, margin=14), 0.1
+@ANCHORED
+def test_a_sliding_block_loses_mu_times_the_momentum_that_the_floor_gives_it(anchored):
+    sim, friction = falling("separate", 0.1, margin=14, anchored=anchored), 0.1
     path = roll(sim, 10, start=sim.rest(v=sim.tensor([1.2, 0.0, 0.0]).expand_as(sim.x_rest)), young=1e5)
     time = torch.arange(11) * PERIOD_S
     speed = mean(sim, path.v)
@@ -214,22 +223,25 @@ class Case:
     weight: Tensor
 
     def after(self, i: dict[str, Tensor]) -> Tensor:
-        poses = torch.stack([torch.eye(4).double(), torch.linalg.matrix_exp(twist_matrix(i["twist"]))])
-        path = substep_poses(poses, self.sim.substeps)[0]
-        borders = {"friction": i["friction"], "handle_path": path}
+        borders: dict[str, Any] = {"friction": i["friction"]}
+        if "twist" in i:
+            poses = torch.stack([torch.eye(4).double(), torch.linalg.matrix_exp(twist_matrix(i["twist"]))])
+            borders["handle_path"] = substep_poses(poses, self.sim.substeps)[0]
+        if "anchor" in i:
+            borders["anchor"] = State(i["anchor"])
         return self.sim.frame(State(i["state"]), i["young"], i["poisson"], i["force"], i["mass_damping"], **borders).data
 
     def loss(self, inputs: dict[str, Tensor]) -> Tensor:
         return (self.after(inputs) * self.weight).sum()
 
 
-def case(substeps: int, *, budget_mb: float = 64.0) -> Case:
+def case(substeps: int, *, budget_mb: float = 64.0, anchored: bool = False) -> Case:
+    """With a handle and a slip wall, or anchored at a start from which the motion has turned the nodes."""
     body = block((5, 3, 3), dx=DX, per_cell=1.5, clamped=False, margin=4, jitter=0.2)
-    planes = [Plane((0.1, 0.05, 1.0), 0.0031, friction=0.3), Plane((0.0, 1.0, 0.1), 0.0027, "slip", 0.2)]
-    handle = Handle((0.0731, -1.0, -1.0), (1.0, 1.0, 1.0))
-    sim = simulator(
-        body, substeps=substeps, period_s=substeps * 4e-4, planes=planes, handle=handle, gravity=(0, 0, -G), memory_budget_mb=budget_mb
-    )
+    planes = [Plane((0.1, 0.05, 1.0), 0.0031, friction=0.3), Plane((0.0, 1.0, 0.1), 0.0027, "separate" if anchored else "slip", 0.2)]
+    handle = None if anchored else Handle((0.0731, -1.0, -1.0), (1.0, 1.0, 1.0))
+    options = {"planes": planes, "handle": handle, "gravity": (0, 0, -G), "memory_budget_mb": budget_mb, "anchored": anchored}
+    sim = simulator(body, substeps=substeps, period_s=substeps * 4e-4, **options)
     rng, count = np.random.default_rng(1), len(sim.volume)
     draw = lambda *shape: sim.tensor(rng.normal(size=shape))  # noqa: E731
     sink = sim.tensor([0.4, -0.2, -0.2])
@@ -243,6 +255,10 @@ def case(substeps: int, *, budget_mb: float = 64.0) -> Case:
         "friction": sim.tensor([0.3, 0.2]),
         "twist": draw(6) * sim.tensor([10, 10, 10, 0.3, 0.3, 0.3]) * substeps * 4e-4,
     }
+    if anchored:
+        del inputs["twist"]
+        lean = sim.tensor([[0.0, 0.1, 0.05], [-0.1, 0.0, 0.1], [-0.05, -0.1, 0.0]])
+        inputs["anchor"] = sim.rest(x=sim.x_rest @ (torch.eye(3) + lean), F=torch.eye(3) + lean + 0.03 * draw(count, 3, 3)).data
     scale = sim.tensor(np.repeat([100.0, 1.0, 0.01, 1.0], [3, 3, 9, 9]))
     return Case(sim, {k: v.clone().requires_grad_() for k, v in inputs.items()}, draw(count, 24) * scale)
 
@@ -250,7 +266,7 @@ def case(substeps: int, *, budget_mb: float = 64.0) -> Case:
 def relative_error(given: Case, name: str) -> float:
     """Of the gradient along a random direction against the best of three central differences."""
     value = given.inputs[name].detach()
-    size = value.abs().mean(0) if name == "state" else value.abs().mean()
+    size = value.abs().mean(0) if name in ("state", "anchor") else value.abs().mean()
     step = given.sim.tensor(np.random.default_rng(2).normal(size=value.shape)) * size
     (gradient,) = torch.autograd.grad(given.loss(given.inputs), given.inputs[name])
     exact, errors = float((gradient * step).sum()), []
@@ -267,22 +283,30 @@ def test_gradients_through_planes_and_handle_equal_central_differences(substeps,
     assert relative_error(case(substeps), name) < 1e-5
 
 
-def test_kept_frames_and_replays_give_the_same_gradient_through_borders():
+@pytest.mark.parametrize("name", ["state", "anchor", "young", "force", "mass_damping", "friction"])
+@pytest.mark.parametrize("substeps", [1, 50])
+def test_gradients_of_anchored_particles_through_planes_equal_central_differences(substeps, name):
+    assert relative_error(case(substeps, anchored=True), name) < 1e-5
+
+
+@ANCHORED
+def test_kept_frames_and_replays_give_the_same_gradient_through_borders(anchored):
     gradients, plans = [], []
     for budget in (64.0, 0.0):
-        given = case(11, budget_mb=budget)
+        given = case(11, budget_mb=budget, anchored=anchored)
         gradients.append(torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values())))
         plans.append((given.sim.replay.plan.keep_velocity, given.sim.replay.plan.marks > 0))
     assert plans == [(True, False), (False, True)]
     assert all(torch.equal(a, b) for a, b in zip(*gradients, strict=True))
 
 
+@ANCHORED
 @pytest.mark.parametrize("budget_mb", [64.0, 0.0])
-def test_one_launch_a_frame_and_one_launch_a_kernel_give_the_same_at_borders(budget_mb, monkeypatch):
+def test_one_launch_a_frame_and_one_launch_a_kernel_give_the_same_at_borders(budget_mb, anchored, monkeypatch):
     results = []
     for program in (Serial, Parallel):
         monkeypatch.setitem(PROGRAMS, "cpu", program)
-        given = case(5, budget_mb=budget_mb)
+        given = case(5, budget_mb=budget_mb, anchored=anchored)
         results.append([given.after(given.inputs), *torch.autograd.grad(given.loss(given.inputs), list(given.inputs.values()))])
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
 

@@ -186,6 +186,7 @@ class Scratch:
             planes, new = borders.planes, self.volume.new_tensor
             b.normal = see(new(np.array([p.unit_normal for p in planes]).reshape(-1, 3)), 3)
             b.offset, b.friction = see(new([p.offset_m for p in planes])), wp.from_torch(i.friction)
+            b.anchored = int(i.anchor.numel() > 0)
             b.kind = wp.array([p.kind_index for p in planes], dtype=int, device=b.offset.device)
             b.motion, b.handle_from_body = (wp.from_torch(a, dtype=c.mat34) for a in (i.motion, i.handle_from_body))
             b.low, b.high = (vec3(*bound) for bound in borders.box)

@@ -53,7 +53,8 @@ def _met(real: type) -> SimpleNamespace:
         high: vec3
         motion: wp.array2d(dtype=mat34)  # of each simulation's handle in each substep: velocity = motion (x, 1) [1/s, m/s]
         handle_from_body: wp.array2d(dtype=mat34)  # at each substep
-        near: wp.array(dtype=vec4)  # sums of approach.py for each plane of each node
+        near: wp.array(dtype=vec4)  # sums of plane_distance.py for each plane of each node
+        anchored: int  # not 0: nodes stand where the motion started, and what is near says how high they are by now
 
     @wp.func
     def place(lattice: Lattice, n: int):
@@ -66,7 +67,11 @@ def _met(real: type) -> SimpleNamespace:
         """Whether a node at x lies at or below a plane; or where the plane lets go: not far above it, and material near it."""
         above = (wp.dot(borders.normal[plane], x) - borders.offset[plane]) / lattice.dx
         if borders.kind[plane] == separate:
-            return above <= real(0.5) and near[0] > real(0.0)
+            if near[0] <= real(0.0):
+                return False
+            if borders.anchored != 0:
+                above = near[2] / (near[0] * lattice.dx)
+            return above <= real(0.5)
         return above <= edge
 
     @wp.func

@@ -37,7 +37,7 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
     part, t, World = forward(variant), common(variant.real), world_of(variant.real, variant.bordered).World
     p2g, g2p, check, load, store, material_of = part.p2g, part.g2p, part.check, t.load, t.store, t.material_of
     anchor_of, Anchor = t.anchor_of, t.Anchor
-    tell = approach(variant.real).tell if variant.planes else None
+    tell = approach(variant.real, variant.anchored).tell if variant.planes else None
 
     @wp.func
     def begin(p: int, lattice: t.Lattice, slot: int, world: World, states: t.States, momentum: wp.array(dtype=t.vec4)):
@@ -46,7 +46,7 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
             anchor = anchor_of(world.materials, p)
         p2g(lattice, particle, material, anchor, world.materials.node_force, momentum)
         if wp.static(tell is not None):
-            tell(lattice, particle.x, material.volume, world.borders)  # type: ignore[misc]
+            tell(lattice, particle, anchor, material.volume, world.borders)  # type: ignore[misc]
 
     @wp.func
     def advance(
@@ -72,7 +72,7 @@ def particle_forward(variant: Variant) -> SimpleNamespace:
         if not ends:
             p2g(lattice, after, material, anchor, world.materials.node_force, momentum)
             if wp.static(tell is not None):
-                tell(lattice, after.x, material.volume, world.borders)  # type: ignore[misc]
+                tell(lattice, after, anchor, material.volume, world.borders)  # type: ignore[misc]
 
     return SimpleNamespace(begin=begin, advance=advance)
 
@@ -84,7 +84,7 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
     g2p_adjoint, p2g_adjoint = part.g2p_adjoint, part.p2g_adjoint
     load, store, material_of, put_material = t.load, t.store, t.material_of, t.put_material
     anchor_of, put_anchor, Anchor = t.anchor_of, t.put_anchor, t.Anchor
-    tell_adjoint = approach(variant.real).tell_adjoint if variant.planes else None
+    tell_adjoint = approach(variant.real, variant.anchored).tell_adjoint if variant.planes else None
 
     @wp.func
     def enter(
@@ -135,7 +135,9 @@ def particle_adjoint(variant: Variant) -> SimpleNamespace:
             of_anchor = anchor_of(world_bar.materials, p)
         bar, share, of_anchor = p2g_adjoint(lattice, particle, material, anchor, force, momentum_bar, bar, share, of_anchor, force_bar)
         if wp.static(tell_adjoint is not None):
-            bar.x = bar.x + tell_adjoint(lattice, particle.x, material.volume, world.borders, world_bar.borders)  # type: ignore[misc]
+            x_bar, met_bar = tell_adjoint(lattice, particle, anchor, material.volume, world.borders, world_bar.borders)  # type: ignore[misc]
+            bar.x = bar.x + x_bar
+            of_anchor.x = of_anchor.x + met_bar
         if slot > 0:
             before = load(states, slot - 1, p)
             bar, share, of_anchor = g2p_adjoint(
