@@ -24,11 +24,10 @@ def make_prepared(made_clip: Clip) -> Prepared:
         "inertia": (parts, modes, modes),
         "prestress": (parts, modes, modes),
         "weight": (parts, modes),
-        "density": (parts,),
         "retuning": (modes, modes),
     }
     drawn = {f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)}
-    model = ModalModel(**drawn | {"tets": np.arange(10)[None], "part": np.ones(1, int), "reference": np.array([1e5, 2e4])})
+    model = ModalModel(**drawn | {"tets": np.arange(10)[None], "part": np.ones(1, int), "reference": np.array([1e5, 2e4]), "density": np.array([600.0, 700.0])})
     start = StartValues(
         young=np.array([1e5, 2e4]),
         log10_young_sd=np.array([0.02, 0.03]),
