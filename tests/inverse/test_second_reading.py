@@ -26,7 +26,7 @@ SETTINGS = config.build({"scene.at_rest": True, "particles.cells": 3, "experimen
 @pytest.fixture(scope="module")
 def pushed(prepared: Prepared) -> Prepared:
     """A push at the tip that swings the bar so far that linear modes miss it, as material points move; its start values know where it was."""
-    start = replace(prepared.start, footprint=TIP, force=9 * prepared.start.force)
+    start = replace(prepared.start, footprint=TIP, force=30 * prepared.start.force)
     true = replace(prepared, start=start)
     problem = pose_problem(true, None, SETTINGS)
     with torch.no_grad():
@@ -60,10 +60,10 @@ def found(taken_for_wind: Prepared) -> tuple[list, Recovery]:
 
 def test_a_push_that_was_taken_for_a_wind_is_found_by_the_simulation(found: tuple[list, Recovery], true: Recovery) -> None:
     news, recovery = found
-    assert any("the force acts elsewhere" in item.text for item in news)
-    assert recovery.metrics["refined"]
     off = np.linalg.norm(net_force(recovery) - net_force(true)) / np.linalg.norm(net_force(true))
     assert off < 0.2
+    assert recovery.metrics["refined"]
+    assert any("the force acts elsewhere" in item.text for item in news)
     assert recovery.metrics["track_rms_refined_m"] < 2 * true.metrics["track_rms_refined_m"] + 2e-4  # type: ignore[operator]
 
 
