@@ -16,7 +16,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "colours"}
-SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
+SHARED = {"matching", "measured", "picture", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
 STAGES = {"segment", "depth", "tracks", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}

@@ -70,16 +70,18 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
         poisson=_per_part(scene.poisson_ratio or [POISSON_RATIO], parts, "scene.poisson_ratio"),
         gravity=np.array(scene.gravity_m_s2 or (0.0, 0.0, 0.0)) @ pose[:3, :3],
         clamped=view.clamp is not None,
-        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid, view.lean),
+        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid, view),
     )
 
 
-def _root_source(solid: Solid, lean: float) -> dict[str, str]:
-    said = []
+def _root_source(solid: Solid, view: View) -> dict[str, str]:
+    lean, said = view.lean, []
     if lean:
         said.append(f"the object's outline ends on a line that leans {abs(np.rad2deg(lean)):.0f} degrees off the box face, which is taken for the held face")
     if solid.short_m:
         said.append(f"the object's outline ends {1e3 * solid.short_m:.1f} mm before the clamped plane and was continued to it")
+    if view.clamp is not None and view.clamp.exact:
+        return {"clamp": "; ".join(["clamp_px, a line in the picture", *said])}
     return {"clamp": "clamp_box_m; " + "; ".join(said)} if said else {}
 
 

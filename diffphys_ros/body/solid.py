@@ -36,7 +36,7 @@ def solid_of(view: View, scene: Scene) -> Solid:
         raise InputError(f"{view.source}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
     short = 0
     if view.clamp:
-        inside, short = _with_root(view, inside, scene)
+        inside, short = _with_root(view, inside)
     full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else local_half_width(inside) * view.raster.pitch_m
     receding = np.clip(view.front - smoothed(height, inside), 0, None)
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
@@ -55,7 +55,7 @@ def _front(view: View, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return tidy(inside & before_middle), height
 
 
-def _with_root(view: View, inside: np.ndarray, scene: Scene) -> tuple[np.ndarray, int]:
+def _with_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """The silhouette continued to the clamp plane within the box's width, where it is hidden or stops short by a few pixels; where all of it
     stops further off, from there, and how far that is [cells]. Raises InputError where nothing of it lies in front of the box."""
     assert view.clamp is not None
@@ -66,7 +66,7 @@ def _with_root(view: View, inside: np.ndarray, scene: Scene) -> tuple[np.ndarray
         return grown, 0
     rows = np.flatnonzero((inside & in_box).any(1))
     if not len(rows):
-        raise InputError(f"scene.clamp_box_m {scene.clamp_box_m}: nothing of the object lies straight in front of the box; move the box onto the held face (world frame, metres)")
+        raise InputError(f"{view.clamp.told}: nothing of the object lies straight in front of it; move it onto the held face")
     short = int(rows[0])
     return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + tolerance, tolerance=short + tolerance), inside), short
 

@@ -61,7 +61,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         )
     points = clip.camera.backproject(np.stack([u, v], -1).astype(float), depth0[v, u].astype(float))
     towards = thickness_direction(scene, clip.camera, points)
-    clamp = find_clamp(scene, points, towards)
+    clamp = find_clamp(scene, clip.camera, points, towards)
     pose = body_pose(clamp, points, towards, up_direction(scene, clip.camera))
     footprint = float(np.median(depth0[v, u])) / clip.camera.focal_px
     seen = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -70,7 +70,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     noise = height_noise(height, mask)
     front = front_level(height, mask, noise)
     lean = 0.0
-    if clamp is not None:
+    if clamp is not None and not clamp.exact:
         below = max(FRONT_PX * footprint, TOP_NOISE * noise)
         lean = lean_of_end(on_front(seen, (clip.camera.position - pose[:3, 3]) @ pose[:3, :3], front, below), footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
         pose = leaning(pose, lean) if lean else pose

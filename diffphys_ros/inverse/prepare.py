@@ -38,6 +38,15 @@ def check_clip(clip: Clip) -> None:
             )
 
 
+def _require_reference(settings: Settings) -> None:
+    """Raises InputError for a frame of rest that nothing here builds the body at."""
+    if settings.scene.rest_frame:
+        raise InputError(
+            f"scene.rest_frame is {settings.scene.rest_frame}, but the body is built at frame 0; cut the recording so that it begins with the frame at rest "
+            "(scene.rest_frame: 0), or leave it out"
+        )
+
+
 def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Generator[Progress, None, Prepared]:
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
     from ..body import build_body
@@ -51,6 +60,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     check_clip(clip)
     law_to_fit(settings)
     clip = placed(clip, settings)
+    _require_reference(settings)
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
     check_clip(clip)
