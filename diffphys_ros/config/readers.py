@@ -17,10 +17,10 @@ READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "diffphys ingest": _RECOVER,
         "diffphys batch": _RECOVER,
         "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "splats", "fit", "capture", "experiment"),
-        "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD),
+        "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD, "frames.every"),
         "segment_node": ("scene", "segment", "depth", "fit.device"),
         "splat_node": ("scene", "depth", "splats", "fit.device"),
-        "fit_node": (*_FIT, "playback"),
+        "fit_node": (*_FIT, "playback", "frames.every"),
         "inspect_node": (),
     }
 )

@@ -65,6 +65,7 @@ class Scene:
 class FrameSettings:
     """Which frames of a recording are fitted, and which are kept back to be predicted."""
 
+    every: int = setting(1, "frames of the recording from one that is taken to the next; 1: all are. The other settings count what is taken", low=1, high=1000)
     fit: int = setting(0, "frames that are fitted, from the first on; 0: all but those of frames.predict", low=0, high=5000)
     predict: int = setting(0, "frames after them that the fit never sees; how well its answer, let free, predicts them stands in metrics.json", low=0, high=5000)
 

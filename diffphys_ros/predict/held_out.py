@@ -34,7 +34,7 @@ def held_out(source: str | Path, prepared: Prepared, settings: Settings) -> Held
     """Reads the recording once more, now with the frames kept back. The fit's own mask of frame 0 and its own points are followed on into
     them. Raises InputError."""
     wanted = settings.frames
-    clip = placed(read_clip(source, settings, frames=FrameSettings(fit=wanted.fit and wanted.fit + wanted.predict)), settings)
+    clip = placed(read_clip(source, settings, frames=FrameSettings(every=wanted.every, fit=wanted.fit and wanted.fit + wanted.predict)), settings)
     if prepared.clip.depth is None:
         clip = replace(clip, depth=None)
     assert prepared.clip.labels is not None
