@@ -47,13 +47,21 @@ def _require_reference(settings: Settings) -> None:
         )
 
 
+def _evenly_exposed(clip: Clip) -> Clip:
+    """The clip without drift of the exposure, which a picture that moves hides while a clip is read."""
+    from ..bags.exposure import with_steady_exposure
+
+    frames, drift = with_steady_exposure(clip.frames)
+    return replace(clip, frames=frames, notes=(*clip.notes, f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off")) if drift else clip
+
+
 def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Generator[Progress, None, Prepared]:
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
     from ..body import build_body
     from ..depth import placed, surface_depth
     from ..prior import believing
     from ..start import joint_values, joint_wanted, start_values
-    from ..tracks import follow
+    from ..tracks import follow, on_tripod
     from .doubts import doubts_of
     from .zones import zones_of
 
@@ -69,7 +77,11 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if settings.depth.source not in ("auto", "topic"):
         clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
     yield Progress("tracks", text="following surface points")
-    tracks = follow(clip, depth0, settings)
+    held = on_tripod(clip, follow(clip, depth0, settings), lambda steady: follow(steady, depth0, settings))
+    if held.clip is not clip:
+        clip = _evenly_exposed(held.clip)
+        yield Progress("tracks", text=held.clip.notes[-1])
+    tracks = held.tracks
     yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
     body, belief = build_body(clip, depth0, settings), None
     body = replace(body, sources=body.sources | {"metric_scale": source.scale})
@@ -87,7 +99,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
     if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
-    doubts = doubts_of(clip, tracks, body, start, settings)
+    doubts = doubts_of(clip, tracks, body, start, settings, held.moved)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
     yield Progress("modes", text=describe_start(start))
     for doubt in doubts:
