@@ -80,6 +80,11 @@ def overlay(grey: Sequence[np.ndarray], free: Sequence[np.ndarray]) -> Overlay:
     return Overlay(_matrices(p * per_px, middle), covariance * np.outer(per_px, per_px), np.array([f[2] for f in found]), middle)
 
 
+def as_seen_first(frame: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """A picture uint8 (H, W, 3) as frame 0 would have shown it, by the frame's matrix (2, 3) of an Overlay."""
+    return np.asarray(cv2.warpAffine(frame, matrix, frame.shape[1::-1], flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE))
+
+
 def blurred(grey: np.ndarray, smoothing_px: float) -> np.ndarray:
     """A picture smoothed by a Gaussian of that standard deviation."""
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), smoothing_px))

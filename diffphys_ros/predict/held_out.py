@@ -12,7 +12,7 @@ from ..config import FrameSettings, Settings
 from ..depth import placed
 from ..inverse import Prepared
 from ..segment import Mark, label_clip
-from ..tracks import follow_on
+from ..tracks import follow_on, on_tripod
 from ..types import Clip, Tracks
 
 
@@ -39,7 +39,12 @@ def held_out(source: str | Path, prepared: Prepared, settings: Settings) -> Held
         clip = replace(clip, depth=None)
     assert prepared.clip.labels is not None
     clip = clip.with_labels(label_clip(clip, settings, Mark(labels=prepared.clip.labels[0])))
-    return HeldOut(clip, follow_on(clip, prepared.tracks, prepared.depth0, settings), len(prepared.clip))
+
+    def followed(seen: Clip) -> Tracks:
+        return follow_on(seen, prepared.tracks, prepared.depth0, settings)
+
+    held = on_tripod(clip, followed(clip), followed)
+    return HeldOut(held.clip, held.tracks, len(prepared.clip))
 
 
 def judged_tracks(held: HeldOut) -> tuple[Tracks, np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from ..steady import Overlay, overlay
+from ..steady import Overlay, as_seen_first, overlay
 from ..types import IGNORE, Clip, Tracks, object_mask
 from .background import LARGEST_STILL_PX, CameraMotion, background, camera_motion
 
@@ -77,7 +77,7 @@ def _laid_over_first(clip: Clip, matrix: np.ndarray) -> Clip:
     depth = None if clip.depth is None else clip.depth.copy()
     size = clip.frames.shape[2], clip.frames.shape[1]
     for k in range(1, len(frames)):
-        frames[k] = cv2.warpAffine(clip.frames[k], matrix[k], size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
+        frames[k] = as_seen_first(clip.frames[k], matrix[k])
         labels[k] = cv2.warpAffine(clip.labels[k], matrix[k], size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=IGNORE)
         if depth is not None:
             depth[k] = cv2.warpAffine(clip.depth[k], matrix[k], size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)  # type: ignore[index]

@@ -22,7 +22,7 @@ from diffphys_ros.types import Clip, StartValues
 from .test_solve import drive
 
 HAND_PX, ROLL, DRIFT = 1.0, 1e-3, 0.05  # standard deviation of the shifts [px], of the rolls [rad]; amplitude of the log gain
-MOST_E, MOST_FORCE = 0.02, 0.10  # by which log10 E, and the forces over their rms, may differ from those of a tripod
+MOST_E, MOST_FORCE = 0.01, 0.03  # by which log10 E, and the forces over their rms, may differ from those of a tripod
 
 
 @dataclass(frozen=True)
