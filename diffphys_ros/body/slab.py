@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..config import Scene, Settings, leaves
@@ -9,6 +11,7 @@ from ..errors import InputError
 from ..inpaint import nearest_known
 from ..measured import scene_of
 from ..types import Body, Clip, object_mask
+from .leaving import with_edge
 from .silhouette import nearest
 from .solid import Solid, solid_of
 from .view import View, mask_with_depth, view_of
@@ -22,7 +25,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
     `scene.thickness_m`, or the silhouette's own local width where that is not given. Without a depth topic the body is a slab
-    between two planes, cut out where both show in the mask. Needs `clip.labels`.
+    between two planes, cut out where both show in the mask, and held where it leaves the picture if nobody tells its clamp. Needs `clip.labels`.
 
     Args:
         clip: recording with label images.
@@ -34,13 +37,14 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
     """
     if clip.labels is None:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
-    scene = scene_of(clip, settings.scene)
+    scene, seen = with_edge(clip, scene_of(clip, settings.scene))
     view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene)
     solid = solid_of(view, scene)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle
-    return _described(scene, clip, view, pose, solid, part)
+    body = _described(scene, clip, view, pose, solid, part)
+    return replace(body, sources=body.sources | {"clamp": seen}) if seen else body
 
 
 def _parts(labels: np.ndarray, view: View, inside: np.ndarray) -> np.ndarray:
