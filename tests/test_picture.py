@@ -11,6 +11,7 @@ from diffphys_ros.body import build_body
 from diffphys_ros.config import build, layered, leaves, parse_text
 from diffphys_ros.depth import placed, surface_depth
 from diffphys_ros.errors import InputError
+from diffphys_ros.inverse import prepare
 from diffphys_ros.segment import label_clip
 from diffphys_ros.types import Body, Camera, Clip
 from tests.boxes import bar, box_clip, camera_at, turned
@@ -143,6 +144,8 @@ def test_points_are_written_as_pairs_or_one_after_the_other(tmp_path) -> None:
     assert scene.clamp_px == scene.length_px == words[0] == words[1] == [1.0, 2.0, 30.0, 4.0]
 
 
-def test_resting_in_frame_0_says_at_rest() -> None:
-    assert build({"scene.rest_frame": 0}).scene.at_rest
-    assert not build({"scene.rest_frame": 3}).scene.at_rest
+def test_a_rest_frame_that_nothing_is_built_at_is_refused_and_frame_0_is_not(phone: Clip) -> None:
+    eight = replace(phone, frames=np.repeat(phone.frames[:1], 8, 0), labels=None)
+    with pytest.raises(InputError, match=r"scene.rest_frame is 5, but points are followed from frame 0"):
+        next(prepare(eight, build({"scene.rest_frame": 5})))
+    assert next(prepare(eight, build({"scene.rest_frame": 0}))).stage == "segment"

@@ -47,7 +47,7 @@ class Scene:
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
-    rest_frame: int | None = setting(None, "frame of the clip, counted from 0, in which the object is still and in static equilibrium; 0 says the same as at_rest", low=0, high=5000)
+    rest_frame: int | None = setting(None, "frame of the clip, counted from 0, in which the object is nearest to rest", low=0, high=5000)
     target_frame: str | None = setting(None, "frame of the transforms that is the world, z up (the camera's own: settings are meant in that); the root of the camera's tree where not given")
 
     @property

@@ -6,7 +6,6 @@ import dataclasses
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from ..errors import InputError, short
@@ -35,7 +34,7 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
     _require_direction(settings.scene, origin)
     _require_one_density(settings.scene, origin)
     _require_said_once(settings.scene, origin)
-    return _resting(settings)
+    return settings
 
 
 def flat(settings: Settings) -> dict[str, Any]:
@@ -78,11 +77,6 @@ def _require_said_once(scene: Scene, origin: str) -> None:
             raise InputError(f"{origin}: scene.{name} is {short(line)}, its points must be at least {SHORTEST_PX:g} px apart; give two points as [[u, v], [u, v]]")
     if scene.down_px is not None and not any(scene.down_px):
         raise InputError(f"{origin}: scene.down_px is {short(scene.down_px)}, must have a direction; [0, 1] is straight down")
-
-
-def _resting(settings: Settings) -> Settings:
-    """The same tree, in which rest_frame 0 says at_rest."""
-    return replace(settings, scene=replace(settings.scene, at_rest=True)) if settings.scene.rest_frame == 0 else settings
 
 
 def _nearest(name: str) -> str:

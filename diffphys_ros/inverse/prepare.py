@@ -42,8 +42,7 @@ def _require_reference(settings: Settings) -> None:
     """Raises InputError for a frame of rest that nothing here builds the body at."""
     if settings.scene.rest_frame:
         raise InputError(
-            f"scene.rest_frame is {settings.scene.rest_frame}, but the body is built at frame 0; cut the recording so that it begins with the frame at rest "
-            "(scene.rest_frame: 0), or leave it out"
+            f"scene.rest_frame is {settings.scene.rest_frame}, but points are followed from frame 0, where the body is built; cut the recording so that it begins there, or leave it out"
         )
 
 
