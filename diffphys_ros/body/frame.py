@@ -22,6 +22,7 @@ class Clamp:
     centre: np.ndarray  # of the clamped face, world [m], shape (3,)
     normal: np.ndarray  # world axis along which the body leaves, shape (3,)
     half_size: np.ndarray  # of the box [m], shape (3,)
+    drawn: bool = False  # as a line in the picture, beyond which the body goes on straight; false: as a box
 
 
 def find_clamp(scene: Scene, surface: np.ndarray, towards_camera: np.ndarray) -> Clamp | None:
@@ -44,6 +45,21 @@ def find_clamp(scene: Scene, surface: np.ndarray, towards_camera: np.ndarray) ->
     clamp = Clamp(centre, normal, (high - low) / 2)
     _require_object(scene, clamp, surface)
     return clamp
+
+
+def clamp_on_line(scene: Scene, camera: Camera, surface: np.ndarray, towards_camera: np.ndarray, behind_px: float) -> Clamp:
+    """The clamped plane through the line of `scene.clamp_px`, across the picture at the depth of the object's surface (P, 3) [m], world, or so
+    far behind that line [px]; the body leaves it on the side of its surface. Raises InputError for a line that is none."""
+    line = np.reshape(np.array(scene.clamp_px, float), (2, 2))
+    if np.linalg.norm(line[1] - line[0]) < 1.0:
+        raise InputError(f"scene.clamp_px {line.tolist()}: its ends are the same pixel, must lie apart; give two points of the held edge")
+    depth = np.full(2, float(np.median(camera.project(surface)[1])))
+    ends = camera.backproject(line, depth)
+    along, middle = _unit(ends[1] - ends[0]), np.median(surface, 0)
+    normal = _unit(np.cross(towards_camera, along))
+    normal = normal * (1.0 if (middle - ends[0]) @ normal >= 0 else -1.0)
+    foot = ends[0] + along * ((middle - ends[0]) @ along)
+    return Clamp(foot - normal * behind_px * depth[0] / camera.focal_px, normal, np.full(3, float(np.linalg.norm(ends[1] - ends[0]))), drawn=True)
 
 
 def body_pose(clamp: Clamp | None, surface: np.ndarray, towards_camera: np.ndarray, upwards: np.ndarray) -> np.ndarray:

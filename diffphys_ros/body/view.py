@@ -13,7 +13,7 @@ from ..inpaint import nearest_known
 from ..types import Camera, Clip, object_mask
 from .edges import coverage
 from .end_face import lean_of_end
-from .frame import Clamp, body_pose, find_clamp, leaning, thickness_direction, up_direction
+from .frame import Clamp, body_pose, clamp_on_line, find_clamp, leaning, thickness_direction, up_direction
 from .silhouette import CELLS_PER_PIXEL, Raster, raster_over
 
 LEAST_PIXELS = 16
@@ -40,6 +40,7 @@ class View:
     footprint_m: float  # side of a pixel on the object
     clamp: Clamp | None
     lean: float = 0.0  # of the clamped plane off its box face, about z [rad]
+    behind_m: float = 0.0  # how far the clamped plane lies behind the line that was drawn for it
 
     def front_pixels(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells on the front face."""
@@ -52,8 +53,8 @@ def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:
     return object_mask(labels) & (depth0 > 0)
 
 
-def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> View:
-    """The view of frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
+def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0) -> View:
+    """The view of frame 0; a clamp that was drawn as a line lies so far behind it. Raises InputError where the mask is too small or the clamp does not fit."""
     v, u = np.nonzero(mask)
     if len(v) < LEAST_PIXELS:
         raise InputError(
@@ -61,7 +62,8 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         )
     points = clip.camera.backproject(np.stack([u, v], -1).astype(float), depth0[v, u].astype(float))
     towards = thickness_direction(scene, clip.camera, points)
-    clamp = find_clamp(scene, points, towards)
+    drawn = scene.clamp_px is not None and scene.clamp_box_m is None
+    clamp = clamp_on_line(scene, clip.camera, points, towards, behind_px) if drawn else find_clamp(scene, points, towards)
     pose = body_pose(clamp, points, towards, up_direction(scene, clip.camera))
     footprint = float(np.median(depth0[v, u])) / clip.camera.focal_px
     seen = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -70,7 +72,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     noise = height_noise(height, mask)
     front = front_level(height, mask, noise)
     lean = 0.0
-    if clamp is not None:
+    if clamp is not None and not clamp.drawn:
         below = max(FRONT_PX * footprint, TOP_NOISE * noise)
         lean = lean_of_end(on_front(seen, (clip.camera.position - pose[:3, 3]) @ pose[:3, :3], front, below), footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
         pose = leaning(pose, lean) if lean else pose
@@ -88,6 +90,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         footprint_m=footprint,
         clamp=clamp,
         lean=lean,
+        behind_m=behind_px * footprint,
     )
 
 

@@ -8,7 +8,7 @@ import os
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -64,7 +64,7 @@ class Leaf:
             return None
         if not self.is_list:
             return self._scalar(value, origin)
-        items = list(value) if isinstance(value, (list, tuple)) else [value]
+        items = _flattened(value) if isinstance(value, (list, tuple)) else [value]
         if self.length and len(items) != self.length:
             raise InputError(f"{origin}: {self.name} has {len(items)} numbers, needs {self.length}; give {self.doc}")
         if not 1 <= len(items) <= LONGEST_LIST:
@@ -111,6 +111,11 @@ class Leaf:
         if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
             return f"in {self.range_text}{of_unit}"
         return "a whole number" if self.kind is int and value != int(value) else ""
+
+
+def _flattened(value: Sequence[Any]) -> list[Any]:
+    """A list whose lists, such as the pairs of [[u, v], [u, v]], are written out."""
+    return [item for one in value for item in (one if isinstance(one, (list, tuple)) else [one])]
 
 
 @cache

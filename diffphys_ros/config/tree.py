@@ -39,6 +39,8 @@ class Scene:
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
     clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", low=-1e6, high=1e6, length=6)
+    clamp_px: list[float] | None = setting(None, "line along which the object is held, in the picture of its reference frame: u v u v; the picture's edge where the clamp lies beyond it", unit="px", low=-1e5, high=1e5, length=4)
+    rest_frame: int | None = setting(None, "frame in which the object is nearest to rest, for clips that are seen by the object's outline; found where not given", low=0, high=100_000)
     floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m", low=-1e6, high=1e6)
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
@@ -129,6 +131,13 @@ class CaptureSettings:
     matching: str = setting("auto", "pairs of pictures that are compared; auto: all of up to 60 pictures, else neighbours in time", choices=("auto", "exhaustive", "sequential"))
     positions: str | None = setting(None, "text file of known camera positions, lines `picture x y z` in metres; at least three give scale and world frame", path=True)
     max_gaussians: int = setting(30_000, "most Gaussians of the scene; 0: none are trained", low=0, high=10_000_000)
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """What of the object is followed."""
+
+    evidence: str = setting("auto", "points: textured points of the surface; outline: the edge of an object without texture; auto: points where enough of them can be followed, else the outline", choices=("auto", "points", "outline"))
 
 
 @dataclass(frozen=True)
@@ -259,6 +268,7 @@ class Settings:
     sync: Sync = group(Sync, WHERE)
     segment: Segment = group(Segment, OBJECT)
     depth: DepthSettings = group(DepthSettings, OBJECT)
+    tracks: TrackSettings = group(TrackSettings, OBJECT)
     prior: PriorSettings = group(PriorSettings, BELIEF)
     particles: ParticleSettings = group(ParticleSettings, SOLVED)
     splats: SplatSettings = group(SplatSettings, SOLVED)
