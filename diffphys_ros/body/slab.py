@@ -17,7 +17,7 @@ WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is know
 POISSON_RATIO = 0.3  # assumed where it is not known
 
 
-def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float = 0.0) -> Body:
+def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float = 0.0, soft: np.ndarray | None = None) -> Body:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
@@ -29,6 +29,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
         depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
         settings: `scene.*`.
         behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object.
+        soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
 
     Raises:
         InputError: nothing of the object near the clamp, a density list that does not fit the parts, an object too small.
@@ -36,7 +37,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     if clip.labels is None:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
     scene = scene_of(clip, settings.scene)
-    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px)
+    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px, soft)
     solid = solid_of(view, scene)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()

@@ -16,7 +16,7 @@ FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations
 THINNEST = 0.15  # of the largest half thickness: a thinner rim is left out, it carries no load
 HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
-BESIDE_LINE_PX = 2.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
+BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 

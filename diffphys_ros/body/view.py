@@ -53,8 +53,9 @@ def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:
     return object_mask(labels) & (depth0 > 0)
 
 
-def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0) -> View:
-    """The view of frame 0; a clamp that was drawn as a line lies so far behind it. Raises InputError where the mask is too small or the clamp does not fit."""
+def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0, soft: np.ndarray | None = None) -> View:
+    """The view of frame 0; a clamp that was drawn as a line lies so far behind it. `soft` (H, W) is the share of
+    each pixel that the object covers, where that is known better than from frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
     v, u = np.nonzero(mask)
     if len(v) < LEAST_PIXELS:
         raise InputError(
@@ -80,7 +81,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
     return View(
         source=clip.source or "clip",
         camera=clip.camera,
-        soft=coverage(clip.frames[0], mask),
+        soft=coverage(clip.frames[0], mask) if soft is None else soft,
         surface=np.where(mask, depth0, 0.0).astype(float),
         measured=None if clip.depth is None else clip.depth[0],
         pose=pose,

@@ -134,13 +134,15 @@ class _Trials:
     """Bodies that hang from clamps at several places."""
 
     def __init__(self, clip: Clip, settings: Settings):
-        from ..outline import end_of
+        from ..outline import covered, end_of, rest_outline
 
         self.clip, self.settings = clip, settings
         assert clip.labels is not None
         self.mask = object_mask(clip.labels[0])
         self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
-        self.end_px = end_of(clip, self.line) if self.line is not None else _extent(self.mask)
+        outline = rest_outline(clip)
+        self.soft = covered(outline, self.mask.shape)
+        self.end_px = end_of(outline, self.line) if self.line is not None else _extent(self.mask)
         self.depth_told = settings.scene.thickness_m is not None
 
     def places(self) -> list[float]:
@@ -173,9 +175,9 @@ class _Trials:
         z = self.distance(behind)
         depth0, settings = self.depth(z), self.settings
         if settings.scene.thickness_m is None:  # as deep as it is wide
-            wide_m = float(self.mask.sum()) / self.end_px * z / self.clip.camera.focal_px
+            wide_m = float(self.soft.sum()) / self.end_px * z / self.clip.camera.focal_px
             settings = replace(settings, scene=replace(settings.scene, thickness_m=wide_m))
-        return z, follow_outline(self.clip, depth0), build_body(self.clip, depth0, settings, behind_px=behind), settings
+        return z, follow_outline(self.clip, depth0), build_body(self.clip, depth0, settings, behind_px=behind, soft=self.soft), settings
 
     def hung(self, behind: float) -> Hung:
         """How well that body hangs."""

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 SMOOTH_PX = 3.0  # standard deviation along the outline over which staircases of the mask and bumps of the edge are evened out
 PLATEAU_PX = (4.0, 7.0)  # from the edge, on either side, where inside and outside are read: blur with an sd of 2 px has ended
+TURN_PX = 6.0  # the same for its direction, which wiggles more
 STEP_PX = 0.5  # between samples of a profile
 REFINE_PX = 6.0  # from the mask's border that its edge is looked for
 BORDER_PX = 3.0  # from the picture's border that no point may lie within
@@ -25,6 +26,11 @@ class Outline:
     level: np.ndarray  # grey level half way between inside and outside, (P,)
     contrast: np.ndarray  # grey levels inside over those outside, (P,)
     to_corner_px: np.ndarray  # distance along the outline to the next corner, (P,)
+
+
+def grey_of(frame: np.ndarray) -> np.ndarray:
+    """Luma of an RGB frame (H, W, 3) uint8, not rounded, float32 (H, W)."""
+    return frame @ np.array([0.299, 0.587, 0.114], np.float32)
 
 
 def outline_of(grey: np.ndarray, mask: np.ndarray, spacing_px: float) -> Outline:
@@ -75,7 +81,7 @@ def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, 
 
 def _outward(grey: np.ndarray, run: np.ndarray) -> np.ndarray:
     """Unit normals (n, 2) of an even run. cv2 walks outer contours counterclockwise as the picture shows them, y down."""
-    along = np.gradient(gaussian_filter1d(run, SMOOTH_PX, axis=0, mode="nearest"), axis=0)
+    along = np.gradient(gaussian_filter1d(run, TURN_PX, axis=0, mode="nearest"), axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     return np.stack([-along[:, 1], along[:, 0]], 1)
 

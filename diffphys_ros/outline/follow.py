@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..inpaint import nearest_known
 from ..types import Clip, Tracks, object_mask
-from .edges import Outline, distances, outline_of
+from .edges import Outline, distances, grey_of, outline_of
 
 SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the errors of an edge
 MOST_POINTS = 150
@@ -20,6 +20,7 @@ LEAST_SHARE = 0.5  # of the received frames in which a point must be seen
 LEAST_CONTRAST = 8.0  # grey levels between inside and outside
 SMOOTH_MOTIONS = 3  # principal motions of an outline; what they leave is noise
 LEAST_SD_PX = 0.05
+WORST = 4.0  # times the usual spread beyond which a point's edge is none
 GROSS = 5.0  # standard deviations from the smooth motion beyond which an edge is another one
 
 
@@ -28,9 +29,12 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     off the object. Raises InputError where too little of the outline is seen to move across itself."""
     assert clip.labels is not None
     mask = object_mask(clip.labels[0])
-    outline = _chosen(outline_of(_grey(clip.frames[0]), mask, _spacing(mask)), clip.labels)
+    outline = _chosen(outline_of(grey_of(clip.frames[0]), mask, _spacing(mask)), clip.labels)
     seen = measured(clip, outline, _reach(mask))
     kept = np.isfinite(seen[0]) & (np.isfinite(seen[clip.seen]).mean(0) > LEAST_SHARE)
+    if kept.any():
+        spread = _spread(seen[:, kept])
+        kept[kept] = spread <= WORST * np.median(spread)
     if kept.sum() < LEAST_POINTS:
         raise InputError(
             f"{clip.source or 'clip'}: {int(kept.sum())} points of the outline could be followed, at least {LEAST_POINTS} are needed; "
@@ -41,30 +45,8 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
 
 def measured(clip: Clip, outline: Outline, reach_px: float) -> np.ndarray:
     """Signed distances (T, P) [px] of the observed outline along the normals of these points; NaN where none is seen."""
-    found = [distances(_grey(frame), outline.pixels, outline.normals, outline.level, reach_px, outline.contrast) for frame in clip.frames]
+    found = [distances(grey_of(frame), outline.pixels, outline.normals, outline.level, reach_px, outline.contrast) for frame in clip.frames]
     return np.where(clip.seen[:, None], np.array(found), np.nan)
-
-
-def end_of(clip: Clip, line_px: np.ndarray) -> float:
-    """How far the far end of the object lies from a line (2, 2) [px] in frame 0 [px]: the middle of its end face, to a fraction of a pixel."""
-    assert clip.labels is not None
-    outline = outline_of(_grey(clip.frames[0]), object_mask(clip.labels[0]), 1.0)
-    across = normal_of(line_px, outline.pixels.mean(0))
-    far = (outline.pixels - line_px[0]) @ across
-    face = (outline.normals @ across > np.sqrt(0.5)) & (far > far.max() - FROM_CORNER * np.ptp(far))
-    return float(np.median(far[face])) if face.any() else float(far.max())
-
-
-def normal_of(line_px: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """The unit vector (2,) across a line (2, 2) on the side of a point (2,) [px]."""
-    along = line_px[1] - line_px[0]
-    across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    return across * (1.0 if (towards - line_px[0]) @ across >= 0 else -1.0)
-
-
-def _grey(frame: np.ndarray) -> np.ndarray:
-    """Luma, not rounded, float32 (H, W)."""
-    return frame @ np.array([0.299, 0.587, 0.114], np.float32)
 
 
 def _extent(mask: np.ndarray) -> float:

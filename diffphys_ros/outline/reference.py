@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 
 CALM = 0.04  # motion of the object's centroid over its extent: a tip then swings by .1, and the frequency of a strip is .4 % low at the most
-LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 4.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still
+LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 3.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still
 PADDING = 8  # of the spectrum
 LEAST_MOTION = 0.002  # of the extent, root mean square: less is no swing
 
@@ -39,10 +39,10 @@ def calm_part(labels: np.ndarray, period_s: float, *, rest_frame: int | None = N
     if len(swing) < needed + period:
         raise InputError(f"{source}: shows {len(swing) / period:.1f} periods of a swing, needs at least {LEAST_PERIODS + 1:g}; record a longer free swing")
     wanted = int(np.ceil(WANTED_PERIODS * period))
-    first = min(_calm_from(swing, round(period)), max(len(swing) - wanted - round(period), 0))
+    first = min(_calm_from(swing, round(period)), max(len(swing) - wanted - round(period / 2), 0))
     tail = swing[first:]
     whole = int(len(tail) // period * period)
-    offset = np.abs(tail - tail[:whole].mean())[: round(period)]
+    offset = np.abs(tail - tail[:whole].mean())[: round(period / 2) + 1]
     rest = first + int(offset.argmin())
     end = min(len(swing), rest + round(MOST_PERIODS * period) + 1)
     return Calm(rest, end, (end - rest - 1) / period)
