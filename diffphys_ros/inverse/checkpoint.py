@@ -14,10 +14,23 @@ import numpy as np
 
 from .. import __version__, shapes, store
 from ..config import Settings, flat
+from ..damping import Damping
 from ..errors import InputError
-from ..types import Clip
+from ..footprints import Footprint
+from ..types import Clip, MaterialDoubt, StartValues
 from .descent import Descent
 from .unknowns import Layout
+
+
+@dataclass(frozen=True)
+class First:
+    """What a fit ended with before the place of the force was read again."""
+
+    z: np.ndarray  # (size,)
+    value: float  # of the loss
+    captured: np.ndarray  # moduli that its substeps were laid out for [Pa], (n,)
+    losses: dict[str, list[float]]
+    again: StartValues  # that the fit goes on from
 
 
 @dataclass(frozen=True)
@@ -29,11 +42,16 @@ class Stored:
     descent: Descent  # of the stage
     captured: np.ndarray  # moduli that the substeps were laid out for [Pa], (n,)
     losses: dict[str, list[float]]  # of each state, by the name of its stage
+    first: First | None = None  # what came before, where this is of the fit after a second reading
 
     def check(self) -> None:
         """Holds arrays of unknown origin to shapes and bounds. Raises shapes.MisshapenError."""
         d = self.descent
         sizes = shapes.check({name: getattr(self if name in ("z", "captured") else d, name) for name in _ARRAYS}, _ARRAYS)
+        if self.first is not None:
+            shapes.check(vars(self.first), {"z": "real z", "captured": "positive p"}, {"p": sizes["p"]})
+            shapes.require(np.isfinite(self.first.value), "its numbers are out of bounds")
+            shapes.check_start(self.first.again, len(self.first.again.forced), sizes["p"])
         shapes.require(sizes["p"] > 0 and self.stage >= 0 and d.iteration >= 0 and not np.isnan(d.value), "its numbers are out of bounds")
 
 
@@ -50,8 +68,10 @@ class Checkpoint:
         self._latest: Stored | None = None
         self._found: Stored | None = None
         self._found_key = ""
+        self.first: First | None = None  # what states that are offered from now on go on from
         if resume and path is not None:
             self._found_key, self._found = _read(path)
+            self.first = self._found.first
 
     def bind(self, clip: Clip, settings: Settings, *, begun: float = 1.0) -> None:
         """Say which job the states belong to, as soon as the clip is read; what a job was bound to first holds. `begun` is how many times
@@ -67,8 +87,9 @@ class Checkpoint:
             raise self.another()
 
     def load(self, layout: Layout, stages: int) -> Stored | None:
-        """What was stored, where resuming was asked for. Raises InputError where it is of other unknowns or of more stages than there are."""
-        found = self._found
+        """What was stored, where resuming was asked for, of the fit before or after a second reading, whichever `first` says. Raises InputError
+        where it is of other unknowns or of more stages than there are."""
+        found = self._found if self._found is not None and (self._found.first is None) == (self.first is None) else None
         if found is not None and (len(found.z) != layout.size or len(found.captured) != layout.parts or found.stage >= stages):
             raise self.another()
         return found
@@ -108,7 +129,7 @@ def _read(path: Path) -> tuple[str, Stored]:
         raise InputError(f"checkpoint {path}: written by version {version[:40]!a} of diffphys_ros, must be {__version__!r}; {anew}")
     try:
         shapes.require(digest == _digest(z), "its arrays are not those that were written")
-        stored = store.decoded(z, (Stored, Descent))
+        stored = store.decoded(z, (Stored, First, Descent, StartValues, MaterialDoubt, Damping, Footprint))
         shapes.require(isinstance(stored, Stored) and z[_KEY].dtype.kind == "U", "it holds something else")
         stored.check()
     except (shapes.MisshapenError, store.StrangeError) as error:

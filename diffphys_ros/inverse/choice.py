@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..types import Recovery, StartValues
+from ..types import Recovery
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
 from .evidence import Moved
@@ -16,6 +16,7 @@ from .fit import Fitted
 from .loss import Terms
 from .posterior import Confidence, Explained, of_answer
 from .problem import Problem
+from .second_reading import as_start
 
 
 @dataclass(frozen=True)
@@ -86,22 +87,8 @@ def _linear(fitted: Fitted) -> Candidate:
     begun = _candidate(problem, linear_answer(problem.prepared, problem.disc))
     if fitted.simulated or not np.isfinite(fitted.value):
         return begun
-    found = _candidate(problem, linear_answer(replace(problem.prepared, start=_as_start(fitted)), problem.disc))
+    found = _candidate(problem, linear_answer(replace(problem.prepared, start=as_start(fitted)), problem.disc))
     return found if found.misfit < begun.misfit else begun
-
-
-def _as_start(fitted: Fitted) -> StartValues:
-    problem = fitted.model.problem
-    with torch.no_grad():
-        found = problem.layout.unpack(torch.as_tensor(fitted.z), modes=problem.forward.basis.shape[2])
-    return replace(
-        problem.prepared.start,
-        young=found.young.numpy() * problem.disc.apparent,
-        damping=found.damping.numbers(),
-        force=found.force.numpy(),
-        initial_displacement=found.initial_displacement.numpy(),
-        initial_velocity=found.initial_velocity.numpy(),
-    )
 
 
 def _why_not(fitted: Fitted, clock: Clock) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..particles import held_by
 from ..progress import ForceSoFar, Progress
-from .checkpoint import Checkpoint, Stored
+from .checkpoint import Checkpoint, First, Stored
 from .clock import Clock, OutOfTimeError
 from .descent import Descent, Space, begin, descend
 from .model import Model
@@ -56,6 +56,13 @@ def fit(model: Model, stages: list[Stage], *, checkpoint: Checkpoint, clock: Clo
     return fitted
 
 
+def ended(model: Model, first: First) -> Fitted:
+    """The fit that ended before a second reading."""
+    model.problem.forward.capture(first.captured)
+    model.put(first.z)
+    return Fitted(model, first.z, first.value, {name: list(values) for name, values in first.losses.items()})
+
+
 def _resumed(model: Model, stored: Stored) -> Fitted:
     model.problem.forward.capture(stored.captured)
     model.put(stored.z)
@@ -81,7 +88,7 @@ def _stage(fitted: Fitted, stages: list[Stage], number: int, state: Descent | No
             if not stage.fields:
                 fitted.z = model.z.detach().numpy().copy()
             every = {name: list(values) for name, values in fitted.losses.items()}
-            checkpoint.offer(Stored(number, fitted.z, state, model.problem.forward.captured, every))
+            checkpoint.offer(Stored(number, fitted.z, state, model.problem.forward.captured, every, checkpoint.first))
             took, before = clock.spent_s - before, clock.spent_s
             left = took * (total - len(losses)) if len(losses) > 1 else None
             yield Progress(stage.name, len(losses) - 1, total - 1, state.value, left, _words(model, stage), None if stage.fields else _force_so_far(model))

@@ -63,7 +63,7 @@ class Model:
     def begin_fields(self) -> None:
         """Fields, where the settings ask for them, that begin at what the blocks say."""
         fit, experiment = self.problem.settings.fit, self.problem.settings.experiment
-        forward, layout = self.problem.forward, self.problem.layout
+        forward = self.problem.forward
         base = _base(self.problem, self.z.detach().numpy())
         bounds = _bounds(self.problem, base)
         generator, place = torch.Generator().manual_seed(experiment.seed), forward.simulator.options
@@ -71,7 +71,7 @@ class Model:
         self.material = MATERIAL_FIELDS[fit.material_field](base, bounds, generator=generator).to(**place)
         self.follows = experiment.force_frame == "rest"
         box = Box.around(base.points if self.follows else _passed(self.problem))
-        self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), layout.force_unit, generator=generator).to(**place)
+        self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.force_unit, generator=generator).to(**place)
         self.start = Material(*(value.detach() for value in base.at(self.x)))
         if fit.material_field == "triplane":
             pretrain(self.material, self.x, self.start, bounds)
@@ -93,7 +93,7 @@ class Model:
             return objective.failed(str(error))
         terms = objective.terms(z, motion, self.evidence)
         if material is not None and motion.field_force is not None:
-            extra = self._field_prior(material, motion.field_force / self.problem.layout.force_unit).double().cpu()
+            extra = self._field_prior(material, motion.field_force / self.problem.force_unit).double().cpu()
             terms.parts["fields"] = float(extra.detach())
             terms.total = terms.total + extra
         return terms

@@ -21,6 +21,7 @@ from .evidence.pixels import static_background
 from .floor import floor_planes
 from .forward import Discretisation, ForwardModel, discretise, reach_of
 from .law import law_to_fit
+from .linear import footprint_load
 from .linear_model import UNKNOWN_TO_MODES
 from .loss import Objective
 from .observed import TrackTarget, acceleration_scale
@@ -46,6 +47,7 @@ class Problem:
     plan: Plan
     disc: Discretisation
     layout: Layout
+    force_unit: float  # of a force that acts everywhere [N/m^3]
     target: TrackTarget
     forward: ForwardModel
     renderer: CarriedGaussians | None
@@ -76,15 +78,23 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         ahead=simulated_ahead(prepared),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
+    renderer = None if splats is None else _renderer(prepared, disc, splats, device)
+    return problem_on(prepared, settings, plan, disc, renderer, dtype=dtype, start_scale=start_scale)
+
+
+def problem_on(
+    prepared: Prepared, settings: Settings, plan: Plan, disc: Discretisation, renderer: CarriedGaussians | None, *, dtype: torch.dtype, start_scale: float = 1.0
+) -> Problem:
+    """The problem on a grid that there is already, whatever the start values are."""
+    clip, body, device = prepared.clip, prepared.body, usable(settings.fit.device)
     start = scaled_start(with_wider_support(prepared.start), start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if settings.experiment.schedule == "linear" else frozenset())
-    layout = Layout.of(start, body, force_unit=force_unit, initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
+    layout = Layout.of(start, body, force_unit=force_unit * _concentration(prepared), initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
     forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
-    renderer = None if splats is None else _renderer(prepared, disc, splats, device)
     binding = bind(target.rest_points, disc.particles.x_rest)
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
@@ -93,7 +103,12 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
-    return Problem(prepared, settings, plan, disc, layout, target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+    return Problem(prepared, settings, plan, disc, layout, force_unit, target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+
+
+def _concentration(prepared: Prepared) -> float:
+    """How many times that of a uniform force the amplitude under the footprint has to be, to move the body as far."""
+    return float(np.linalg.norm(prepared.modal.footprint_load()) / np.linalg.norm(footprint_load(prepared)))
 
 
 def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, device: str) -> CarriedGaussians:

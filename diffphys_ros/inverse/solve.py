@@ -14,11 +14,12 @@ from ..types import Recovery, Splats
 from .checkpoint import Checkpoint
 from .choice import answered, verdict
 from .clock import Clock
-from .fit import fit
+from .fit import ended, fit
 from .model import Model
 from .prepared import Prepared
 from .prescribed import prescribed
 from .problem import Problem, pose_problem
+from .second_reading import fitted_again
 from .stages import schedule
 from .zones import divided, in_parts, zones_of
 
@@ -37,7 +38,12 @@ def solve(
     _repeatable(usable(settings.fit.device))
     problem = pose_problem(divided(prepared, zones), splats, settings, start_scale=start_scale)
     yield Progress("plan", text=_described(problem))
-    fitted = yield from fit(Model(problem), schedule(problem), checkpoint=checkpoint, clock=clock)
+    model = Model(problem)
+    if checkpoint.first is None:
+        fitted = yield from fit(model, schedule(problem), checkpoint=checkpoint, clock=clock)
+    else:
+        fitted = ended(model, checkpoint.first)
+    fitted = yield from fitted_again(fitted, checkpoint, clock)
     yield Progress("result", text="final simulation and rendering")
     recovery = in_parts(answered(fitted, clock), zones)
     yield Progress("result", text=verdict(recovery))

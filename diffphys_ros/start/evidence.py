@@ -48,6 +48,7 @@ class Evidence:
     settings: Settings  # `scene.at_rest` and `experiment.mode_count`
     belief: Belief | None = None
     densities: Densities | None = None  # of the parts, where the motion is to tell them
+    first_order: bool = False  # whether the tracks hold what is linear in the amplitude alone
 
     @property
     def at_rest(self) -> bool:
@@ -89,6 +90,6 @@ class Evidence:
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
         acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
         unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
-        seen = Projection.of(self.motion, modal)
+        seen = Projection.of_tracks(self.motion, modal) if self.first_order else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
         return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)))

@@ -15,7 +15,7 @@ from ..footprints import Footprint
 from ..modes.model import ModalModel
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, bridged
 from .evidence import Evidence
-from .force import AXES, ForceProblem
+from .force import AXES, ForceProblem, nothing
 from .free_tail import Physics, Tail
 
 if TYPE_CHECKING:
@@ -134,6 +134,16 @@ def joint() -> list[Stage]:
     ]
 
 
+def footprint_again() -> list[Stage]:
+    """Where the force acts, by tracks of first order and nearly right physics."""
+    return [Stage("footprint", "all frames", ("footprint",), _footprint)]
+
+
+def physics_again() -> list[Stage]:
+    """What follows from that for stiffness and damping."""
+    return [Stage("refine", "all frames and what is believed", ("physics",), _refine)]
+
+
 def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
     """The free tail, with the basis moved to where the fit lies until it rests."""
     hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
@@ -186,7 +196,8 @@ def _footprint(fit: Fit) -> Fit:
 
 
 def _refine(fit: Fit) -> Fit:
-    return replace(fit, physics=fit.whole.refine(fit.physics, fit.load))
+    believed = fit.evidence.believed if fit.evidence.first_order else nothing
+    return replace(fit, physics=fit.whole.refine(fit.physics, fit.load, believed=believed))
 
 
 def _guess(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:

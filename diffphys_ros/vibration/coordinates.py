@@ -86,6 +86,16 @@ class Projection:
         frame, _ = np.linalg.qr(np.column_stack([shapes, basis]))
         return cls(motion.coordinates @ (frame.T @ shapes).T, frame.T @ basis)
 
+    @classmethod
+    def of_tracks(cls, motion: Motion, modal: ModalModel) -> Projection:
+        """Of the tracks themselves on the span of the modal shapes, for tracks whose motion is of first order: more than the leading coordinates
+        tells where on the body a force acts."""
+        count = np.sqrt(len(motion.points))
+        basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
+        frame, _ = np.linalg.qr(basis)
+        filled = _from_neighbours(motion.points, motion.displacement, motion.valid & motion.known[:, None])
+        return cls(filled.reshape(len(filled), -1) / count @ frame, frame.T @ basis)
+
 
 def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     """Leading coordinates of the tracks. The camera fixes the lines of sight where the tracks have no depth; the thickness
