@@ -148,5 +148,5 @@ def _clip(images: Stamped, settings: Settings, source: str, frames: FrameSetting
     if told and not settings.scene.target_frame:
         notes.append(f"pictures carry no transforms: {listed(told, 4)} is taken in the camera's own frame, x right, y down, z forward")
     height, width = images[0][1].shape[:2]
-    camera = camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height)
+    camera = replace(camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height), lens_told=bool(fov_deg))
     return assemble(images, [], camera, source, notes=notes, frames=frames)

@@ -28,6 +28,7 @@ from .types import (
     Clip,
     Doubt,
     Grid,
+    Hanging,
     MaterialDoubt,
     MaterialPrior,
     ModalProblem,
@@ -176,7 +177,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.model import ModalModel
     from .start.zones import Zoned
 
-    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Thickness, Doubt, Tracks, Body, StartValues, MaterialDoubt, Footprint, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Thickness, Doubt, Tracks, Body, StartValues, MaterialDoubt, Footprint, MaterialPrior, Hanging))
     if not (isinstance(found, dict) and isinstance(found.get("prepared"), Prepared) and isinstance(found.get("settings"), dict)):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     if found["settings"].keys() != config.leaves().keys():

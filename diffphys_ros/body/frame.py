@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,19 +26,20 @@ class Clamp:
     normal: np.ndarray  # world axis along which the body leaves, shape (3,)
     half_size: np.ndarray  # of the box [m], shape (3,)
     told: str  # the setting and its value, for messages
-    exact: bool = False  # whether the plane itself was told, not a box around it
+    drawn: bool = False  # as a line in the picture, beyond which the body goes on straight; false: as a box
 
 
-def find_clamp(scene: Scene, camera: Camera, surface: np.ndarray, towards_camera: np.ndarray) -> Clamp | None:
+def find_clamp(scene: Scene, camera: Camera, surface: np.ndarray, towards_camera: np.ndarray, behind_px: float = 0.0) -> Clamp | None:
     """The clamped plane of `scene.clamp_box_m` or `scene.clamp_px`, or None without either.
 
     The body leaves through the face with the most of the visible surface (world points (P, 3) [m]) straight in front of it; faces
     across the line of sight (`towards_camera`, unit vector) are left out. The plane lies 5 mm inside that face, at most at the
-    middle of the box. A line of the picture is the plane itself. Raises InputError for a box that is no box, or with nothing of the object
+    middle of the box. A line of the picture is the plane itself, or the plane lies `behind_px`
+    behind it. Raises InputError for a box that is no box, or with nothing of the object
     near it.
     """
     if scene.clamp_px is not None:
-        return _on_line(scene.clamp_px, camera, surface, towards_camera)
+        return _on_line(scene.clamp_px, camera, surface, towards_camera, behind_px)
     if scene.clamp_box_m is None:
         return None
     low, high = np.reshape(np.array(scene.clamp_box_m, float), (2, 3))
@@ -54,8 +55,9 @@ def find_clamp(scene: Scene, camera: Camera, surface: np.ndarray, towards_camera
     return clamp
 
 
-def _on_line(line_px: list[float], camera: Camera, surface: np.ndarray, towards_camera: np.ndarray) -> Clamp:
-    """The plane along the line of sight through a line of the picture, at the object's distance; the body leaves to where most of it lies."""
+def _on_line(line_px: list[float], camera: Camera, surface: np.ndarray, towards_camera: np.ndarray, behind_px: float) -> Clamp:
+    """The plane along the line of sight through a line of the picture at the object's distance, or so far behind it [px]; the body leaves to
+    where most of it lies."""
     pixels = camera.project(surface)[0]
     middle = np.reshape(line_px, (2, 2)).mean(0)
     away = np.abs(side_of(line_px, pixels)) + 1e-6 * np.linalg.norm(pixels - middle, axis=1)
@@ -63,9 +65,10 @@ def _on_line(line_px: list[float], camera: Camera, surface: np.ndarray, towards_
     ends = on_plane(camera, line_px, np.median(near, 0), towards_camera)
     normal = _unit(np.cross(towards_camera, ends[1] - ends[0]))
     normal *= np.sign(np.median((surface - ends[0]) @ normal)) or 1.0
-    clamp = Clamp(ends.mean(0), normal, np.abs(ends[1] - ends[0]) / 2, f"scene.clamp_px {line_px}", exact=True)
+    clamp = Clamp(ends.mean(0), normal, np.abs(ends[1] - ends[0]) / 2, f"scene.clamp_px {line_px}", drawn=True)
     _require_object(clamp, surface, "move the line onto the held end or leave it out", "draw the line along the held end", CLEARLY_FREE)
-    return clamp
+    footprint = float(camera.project(clamp.centre)[1]) / camera.focal_px
+    return replace(clamp, centre=clamp.centre - normal * behind_px * footprint)
 
 
 def body_pose(clamp: Clamp | None, surface: np.ndarray, towards_camera: np.ndarray, upwards: np.ndarray) -> np.ndarray:

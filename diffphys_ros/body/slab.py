@@ -20,7 +20,7 @@ WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is know
 POISSON_RATIO = 0.3  # assumed where it is not known
 
 
-def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
+def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float = 0.0, soft: np.ndarray | None = None) -> Body:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
@@ -31,14 +31,16 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
         clip: recording with label images.
         depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
         settings: `scene.*`.
+        behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object.
+        soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
 
     Raises:
-        InputError: nothing of the object near the clamp box, a density list that does not fit the parts, an object too small.
+        InputError: nothing of the object near the clamp, a density list that does not fit the parts, an object too small.
     """
     if clip.labels is None:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
     scene, seen = with_edge(clip, scene_of(clip, settings.scene))
-    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene)
+    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px, soft)
     solid = solid_of(view, scene)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
@@ -84,7 +86,7 @@ def _root_source(solid: Solid, view: View) -> dict[str, str]:
         said.append(f"the object's outline ends on a line that leans {abs(np.rad2deg(lean)):.0f} degrees off the box face, which is taken for the held face")
     if solid.short_m:
         said.append(f"the object's outline ends {1e3 * solid.short_m:.1f} mm before the clamped plane and was continued to it")
-    if view.clamp is not None and view.clamp.exact:
+    if view.clamp is not None and view.clamp.drawn:
         return {"clamp": "; ".join(["clamp_px, a line in the picture", *said])}
     return {"clamp": "clamp_box_m; " + "; ".join(said)} if said else {}
 
