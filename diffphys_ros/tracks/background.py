@@ -28,7 +28,7 @@ from ..steady import (
     telling,
     votes,
 )
-from ..types import Clip, Tracks
+from ..types import Camera, Clip, Tracks
 
 LARGEST_STILL_PX = 0.15  # shift of a frame over frame 0 down to which a camera counts as still: what tracking a firm tripod scatters by
 NOISES = 1.0  # standard deviations of the tracks that it may be as well
@@ -86,7 +86,7 @@ def camera_motion(clip: Clip, tracks: Tracks) -> CameraMotion | None:
         elif not np.linalg.norm(shift) < GONE * image.shape[1]:
             shift = np.zeros(2)
     motion = CameraMotion(np.array([k for k, _ in found], int), np.array([s for _, s in found]).reshape(-1, 2))
-    return motion if len(found) >= LEAST_MOVED and _seen_by(tracks, motion) else None
+    return motion if len(found) >= LEAST_MOVED and _seen_by(tracks, motion, clip.camera) else None
 
 
 def background(labels: np.ndarray) -> np.ndarray:
@@ -133,16 +133,25 @@ def _agreed(first: Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarray
     return bool(max((np.ptp(u) + 1) / columns, (np.ptp(v) + 1) / rows) >= LEAST_SPREAD)
 
 
-def _seen_by(tracks: Tracks, motion: CameraMotion) -> bool:
+def _seen_by(tracks: Tracks, motion: CameraMotion, camera: Camera) -> bool:
     """Whether the object goes with the background: a camera moves both, a shadow or a branch one. Its quietest points must move less against
-    the background than in the picture, or all of it must show the camera's jolts."""
+    the background than in the picture, or all of it must show the camera's jolts. Of points that are seen along normals alone, so is the camera."""
     moved = np.where(tracks.valid[..., None], tracks.pixels - tracks.pixels[:1], np.nan)[motion.frames]
     holding = tracks.valid[motion.frames].any(0)
     if not holding.any():
         return True
     moved = moved[:, holding]
-    in_picture, on_ground = (np.sqrt(np.nanmean((m**2).sum(-1), axis=0)) for m in (moved, moved - motion.shift_px[:, None]))
+    in_picture, on_ground = (np.sqrt(np.nanmean((m**2).sum(-1), axis=0)) for m in (moved, moved - _along(motion.shift_px[:, None], tracks, camera)[:, holding]))
     return bool(np.quantile(on_ground, QUIET) < QUIETER * np.quantile(in_picture, QUIET)) or _jolted(moved, motion)
+
+
+def _along(shift_px: np.ndarray, tracks: Tracks, camera: Camera) -> np.ndarray:
+    """What points show of shifts (F, 1, 2) [px], (F, M, 2): all, or the component along their normals."""
+    if tracks.normals is None:
+        return np.broadcast_to(shift_px, (len(shift_px), tracks.pixels.shape[1], 2))
+    normal = tracks.normals @ camera.world_from_camera[:3, :2]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    return np.asarray((shift_px * normal).sum(-1, keepdims=True) * normal)
 
 
 def _jolted(moved: np.ndarray, motion: CameraMotion) -> bool:
