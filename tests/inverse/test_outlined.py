@@ -84,5 +84,5 @@ def test_a_hand_that_holds_the_camera_is_taken_off_before_the_outline_is_read() 
     told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]}
     held = drive(prepare(held_in_a_hand(strip.clip()), config.layered([], told)))[-1]
     assert abs(np.log10(held.start.young[0] / DENSITY / strip.specific)) < 0.025
-    assert any("the camera moves by up to 4 px; its frames were laid over frame 0" in note for note in held.clip.notes)
+    assert any("the camera moves by up to" in note and "laid over frame 0" in note for note in held.clip.notes)
     assert not held.doubts
