@@ -135,7 +135,9 @@ def _laid(first: list[Layer], image: np.ndarray, free: np.ndarray, p: np.ndarray
         now, free_to = blurred(image, smoothing), 2 if smoothing == SMOOTHINGS_PX[0] else 4  # first the shift alone
         for _ in range(ROUNDS):
             misfit, normal, right, count = answers(layer, now, free, _matrices(p[None], centre)[0])
-            use = telling(normal, count) & (np.trace(normal, axis1=1, axis2=2) > LEAST_SLOPE**2 * count)
+            use = telling(normal, count)
+            if free_to == 4:
+                use &= np.trace(normal, axis1=1, axis2=2) > LEAST_SLOPE**2 * count
             if use.sum() < TILES_A_FRAME:
                 return p, covariance, 0.0
             weight = votes(misfit[use], normal[use]) if free_to == 2 else _told(misfit[use], normal[use], count[use])

@@ -147,5 +147,5 @@ def test_points_are_written_as_pairs_or_one_after_the_other(tmp_path) -> None:
 def test_a_rest_frame_that_nothing_is_built_at_is_refused_and_frame_0_is_not(phone: Clip) -> None:
     eight = replace(phone, frames=np.repeat(phone.frames[:1], 8, 0), labels=None)
     with pytest.raises(InputError, match=r"scene.rest_frame is 5, but points are followed from frame 0"):
-        next(prepare(eight, build({"scene.rest_frame": 5})))
+        list(prepare(eight, build({"scene.rest_frame": 5})))
     assert next(prepare(eight, build({"scene.rest_frame": 0}))).stage == "segment"
