@@ -7,7 +7,7 @@ import numpy as np
 from ..types import Clip, object_mask
 from .edges import Outline, distances, grey_of, outline_of
 
-NEAR = 24  # frames nearest to rest, over which is averaged
+NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside
 REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them
 STEP_PX = 2  # between points
 FINER = 8  # rows a pixel in which the covered share is measured
@@ -20,8 +20,8 @@ def rest_outline(clip: Clip) -> np.ndarray:
     inside = object_mask(clip.labels)
     outline = outline_of(grey_of(clip.frames[0]), inside[0], STEP_PX)
     swing = _swing(inside)
-    near = np.argsort(np.abs(swing), kind="stable")[:NEAR]
-    near = near[clip.seen[near]]
+    aside = np.where(clip.seen, np.abs(swing), np.inf)
+    near = np.argsort(aside, kind="stable")[: max(min(NEAR, int((aside <= CLOSE * np.abs(swing).max()).sum())), 1)]
     seen = np.stack([distances(grey_of(clip.frames[k]), outline.pixels, outline.normals, outline.level, REACH_PX, outline.contrast) for k in near])
     return outline.pixels + _at_rest(seen, swing[near], outline)[:, None] * outline.normals
 
