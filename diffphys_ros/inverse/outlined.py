@@ -20,6 +20,7 @@ from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mas
 
 if TYPE_CHECKING:
     from ..depth import DepthSource
+    from ..outline import Calm
     from ..start.hang import Hung
 
 FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree
@@ -43,6 +44,7 @@ class Outlined:
     body: Body
     settings: Settings  # with what was assumed of the scene
     hanging: Hanging
+    whole: Clip  # all frames, with labels
 
 
 def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlined | None]:
@@ -51,7 +53,11 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     chosen = yield from _calm(clip, settings)
     if chosen is None:
         return None
-    clip, first, end, count, periods = chosen
+    whole, calm = chosen
+    first, end, count, periods = calm.rest, calm.end, len(whole), calm.periods
+    note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
+    clip = whole.part(first, end)
+    clip = replace(clip, notes=(*clip.notes, note))
     settings = _with_clamp(clip, settings)
     clip = replace(clip, camera=_camera(clip.camera))
     hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
@@ -72,11 +78,11 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
 
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging))
-    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging)
+    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole)
 
 
-def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, int, int, int, float] | None]:
-    """The calm frames of a clip, labelled, with their first and last number, how many there are in all, and the periods that they hold."""
+def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, Calm] | None]:
+    """The clip, labelled, and its calm frames."""
     from ..outline import calm_part, has_texture
     from ..segment import plain_labels
 
@@ -99,10 +105,7 @@ def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Cli
     labelled = clip.with_labels(labels)
     if wanted == "auto" and has_texture(labelled, calm.rest, settings):
         return None
-    count = len(clip)
-    note = (f"frames {calm.rest} to {calm.end - 1} of {count}, about rest, are fitted by the object's outline",)
-    part = labelled.part(calm.rest, calm.end)
-    return replace(part, notes=(*part.notes, *note)), calm.rest, calm.end, count, calm.periods
+    return labelled, calm
 
 
 def _camera(camera: Camera) -> Camera:
