@@ -21,6 +21,7 @@ from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mas
 
 if TYPE_CHECKING:
     from ..depth import DepthSource
+    from ..outline import Calm
     from ..start.hang import Hung
     from ..tracks import CameraMotion
 
@@ -45,6 +46,7 @@ class Outlined:
     body: Body
     settings: Settings  # with what was assumed of the scene
     hanging: Hanging
+    whole: Clip  # all frames, with labels; as they were filmed
     moved: CameraMotion | None = None  # how the camera did, as far as that was not taken off
 
 
@@ -54,7 +56,11 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     chosen = yield from _calm(clip, settings)
     if chosen is None:
         return None
-    clip, first, end, count, periods = chosen
+    whole, calm = chosen
+    first, end, count, periods = calm.rest, calm.end, len(whole), calm.periods
+    note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
+    clip = whole.part(first, end)
+    clip = replace(clip, notes=(*clip.notes, note))
     settings = _with_clamp(clip, settings)
     clip = replace(clip, camera=_camera(clip.camera))
     hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
@@ -76,11 +82,11 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
 
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging))
-    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, moved)
+    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, moved)
 
 
-def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, int, int, int, float] | None]:
-    """The calm frames of a clip, labelled, with their first and last number, how many there are in all, and the periods that they hold."""
+def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, Calm] | None]:
+    """The clip, labelled, and its calm frames."""
     from ..outline import calm_part, has_texture
     from ..segment import plain_labels
 
@@ -103,10 +109,7 @@ def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Cli
     labelled = clip.with_labels(labels)
     if wanted == "auto" and has_texture(labelled, calm.rest, settings):
         return None
-    count = len(clip)
-    note = (f"frames {calm.rest} to {calm.end - 1} of {count}, about rest, are fitted by the object's outline",)
-    part = labelled.part(calm.rest, calm.end)
-    return replace(part, notes=(*part.notes, *note)), calm.rest, calm.end, count, calm.periods
+    return labelled, calm
 
 
 def _camera(camera: Camera) -> Camera:

@@ -11,11 +11,12 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError, shown
 from ..progress import Progress, waiting
-from ..types import Body, Clip, MaterialPrior, StartValues, object_mask
+from ..types import Body, Clip, MaterialPrior, StartValues, Swing, object_mask
 from .law import law_to_fit
 from .material_prior import believed, of_parts, parted
 from .outlined import outlined, with_hanging
 from .prepared import LEAST_FRAMES, Prepared
+from .swing import swing_of
 
 if TYPE_CHECKING:
     from ..depth import DepthSource
@@ -78,7 +79,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         clip, tracks, moved = held.clip, held.tracks, held.moved
     else:
         clip, depth0, source, tracks, body, settings, moved = seen.clip, seen.depth0, seen.source, seen.tracks, seen.body, seen.settings, seen.moved
-    belief = None
+    belief, hanging = None, None
     if settings.prior.source == "model":
         yield Progress("body", text=f"asking the model {shown(settings.prior.model)} about the material")
     prior = yield from waiting("body", believing(clip, settings))
@@ -93,10 +94,12 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
     if seen is not None:
         start = with_hanging(start, seen.hanging)
+        hanging = replace(seen.hanging, swing=swing_of(seen.whole, seen, start))
+        yield Progress("modes", text=describe_swing(hanging.swing))
     if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
     doubts = doubts_of(clip, tracks, body, start, settings, moved)
-    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=None if seen is None else seen.hanging)
+    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
     yield Progress("modes", text=describe_start(start))
     for doubt in doubts:
         yield Progress("modes", text=doubt.text)
@@ -139,6 +142,13 @@ def describe_start(start: StartValues) -> str:
     span = f"frames {forced[0]}..{forced[-1]}" if len(forced) else "no frame"
     tones = ", ".join(f"{f:.2f}" for f in start.observed_hz)
     return f"start values: E = {parts}; seen {tones} Hz; force in {span} ({start.footprint.family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
+
+
+def describe_swing(swing: Swing | None) -> str:
+    """The prediction of the large swing in a line for people."""
+    if swing is None:
+        return "the swing from frame 0 on could not be followed"
+    return f"let go as in frame 0, the free end swings by {swing.tip_motion_px:.1f} px (rms) and misses the picture by {swing.tip_error_px:.1f} px: {100 * swing.tip_error_share:.1f} %"
 
 
 def scaled_start(start: StartValues, factor: float) -> StartValues:

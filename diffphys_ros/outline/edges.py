@@ -87,10 +87,16 @@ def _outward(grey: np.ndarray, run: np.ndarray) -> np.ndarray:
 
 
 def _half_level(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    reach = np.arange(PLATEAU_PX[0], PLATEAU_PX[1] + 0.1)
-    inner, outer = (np.median(profiles(grey, pixels, normals, side * reach), axis=1) for side in (-1, 1))
+    inner, outer = _sides(grey, pixels, normals)
     inner, outer = (gaussian_filter1d(each, 2 * SMOOTH_PX, mode="nearest") if len(each) > 1 else each for each in (inner, outer))
     return (inner + outer) / 2, inner - outer
+
+
+def _sides(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey levels (P,) inside and outside of points (P, 2); NaN outside the picture."""
+    reach = np.arange(PLATEAU_PX[0], PLATEAU_PX[1] + 0.1)
+    inner, outer = (np.median(profiles(grey, pixels, normals, side * reach), axis=1) for side in (-1, 1))
+    return inner, outer
 
 
 def _to_corner(run: np.ndarray) -> np.ndarray:
@@ -125,3 +131,15 @@ def distances(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: 
     a, b = above[rows, k], above[rows, k + 1]
     share = np.divide(a, a - b, out=np.zeros(len(a)), where=a != b)
     return np.where(np.isfinite(place[rows, k]), reach[k] + STEP_PX * share, np.nan)
+
+
+def edge_levels(frame: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey levels half way between inside and outside, and the inside's over the outside's, (P,) each, of an RGB frame at points (P, 2) of an outline."""
+    inner, outer = _sides(grey_of(frame), pixels, normals)
+    inner, outer = (np.where(np.isfinite(each), each, np.nanmedian(each)) for each in (inner, outer))
+    return (inner + outer) / 2, inner - outer
+
+
+def edge_distances(frame: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: np.ndarray, contrast: np.ndarray, reach_px: float) -> np.ndarray:
+    """As `distances`, of an RGB frame."""
+    return distances(grey_of(frame), pixels, normals, level, reach_px, contrast)

@@ -12,7 +12,7 @@ from .camera import Camera
 from .clip import Clip, Doubt, Thickness
 from .initial_value import PROBLEMS, ModalProblem, MpmProblem
 from .labels import IGNORE, object_mask
-from .outline import Hanging
+from .outline import Hanging, Swing
 from .particles import Grid, Particles
 from .poses import transformed
 from .prior import MaterialPrior
@@ -39,6 +39,7 @@ __all__ = [
     "Recovery",
     "Splats",
     "StartValues",
+    "Swing",
     "Thickness",
     "Tracks",
     "object_mask",

@@ -6,6 +6,16 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class Swing:
+    """How the body, let go as the first frames show it, with the modulus of the calm frames and no force but its weight, swings against the picture."""
+
+    frames: int  # that are compared
+    tip_motion_px: float  # of the free end, root mean square about its mean
+    tip_error_px: float  # root mean square
+    tip_error_share: float  # of the motion
+
+
+@dataclass(frozen=True)
 class Hanging:
     """Where in its picture an object hangs, at what scale, and which of the recording's frames its small motions are read from."""
 
@@ -19,3 +29,4 @@ class Hanging:
     px_per_m_sd: float
     length_told: bool  # whether the scale is known; false: moduli and forces hold relative to the object's size alone
     log10_young_sd: float  # of what the clamp's place and the depth across the picture leave open
+    swing: Swing | None = None  # the large swing before, predicted
