@@ -41,11 +41,11 @@ class Bounded:
 def check_extent(frames: int, pixels: int, source: str) -> None:
     """Raises InputError for a clip of more frames, or more pixels in all of them, than can be worked on."""
     if frames > MOST_FRAMES:
-        raise InputError(f"{source}: has more than {MOST_FRAMES} frames; cut out the seconds in which the object moves")
+        raise InputError(f"{source}: has more than {MOST_FRAMES} frames; take fewer with frames.every, or cut out the seconds in which the object moves")
     if pixels > MOST_PIXELS:
         raise InputError(
             f"{source}: its first {frames} frames have {pixels} pixels together, at most {MOST_PIXELS} are taken (frames x width x height); "
-            "cut out the seconds in which the object moves, or record smaller images"
+            "take fewer with frames.every, cut out the seconds in which the object moves, or record smaller images"
         )
 
 
@@ -83,7 +83,11 @@ def assemble(
     slots, period, found = uniform_clock(stamps, source)
     notes = [*notes, *found]
     if frames is not None:
-        kept = slots < fitted_frames(frames, int(slots[-1]) + 1, source)
+        total = int(slots[-1]) + 1
+        fitted = fitted_frames(frames, total, source)
+        kept = slots < fitted
+        left_out = total - fitted - frames.predict
+        notes += [f"the first {fitted} of {total} frames are fitted (frames.fit), the last {left_out} are left out"] if left_out else []
         slots, stamps = slots[kept], stamps[kept]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
     pictures = np.stack([images[i][1] for i in last_of_slot])

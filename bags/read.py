@@ -13,6 +13,7 @@ from diffphys_ros.bags.filmed import clip_of
 from diffphys_ros.bags.gravity import Imu
 from diffphys_ros.bags.rig import FRAME, Channel, Received
 from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag
+from diffphys_ros.bags.thinned import chosen, nearest, said
 from diffphys_ros.bags.topics import choose_imu, choose_topics, depth_info, image_topics
 from diffphys_ros.bags.transforms import MOVING, STATIC, Transforms
 from diffphys_ros.bags.video import read_images, read_video
@@ -63,16 +64,26 @@ def is_bag(path: Path) -> bool:
 
 def _read_bag(bag: Bag, settings: Settings, source: str, span: tuple[int, int], frames: FrameSettings | None) -> Clip:
     image_topic, depth_topic, info_topic = choose_topics(bag, settings.topics, source)
-    images, frame_id, notes = _read_topic(bag, image_topic, source, "image", span)
+    wanted, wanted_depth, thinned = _thinned(bag, image_topic, depth_topic, span, 1 if frames is None else frames.every, source)
+    images, frame_id, notes = _read_topic(bag, image_topic, source, "image", span, wanted)
     if not images:
         raise InputError(f"{source}: topic {named(image_topic)} holds no image between start and the end of duration; choose another part")
-    depths, depth_frame, found = _read_topic(bag, depth_topic, source, "depth", span) if depth_topic else ([], "", [])
+    depths, depth_frame, found = _read_topic(bag, depth_topic, source, "depth", span, wanted_depth) if depth_topic else ([], "", [])
     colour = _channel(bag, image_topic, info_topic, images, frame_id)
     depth = _channel(bag, depth_topic, depth_info(bag, depth_topic, image_topic), depths, depth_frame) if depth_topic and depths else None
     stamps = [stamp for stamp, _ in images]
     imu = _imu(bag, settings, (min(stamps) - MARGIN_NS, max(stamps) + MARGIN_NS), source)
     received = Received(source, stamps, colour, depth, _transforms(bag, source), imu)
-    return clip_of(received, settings, images, depths, _masks(bag, settings.topics.mask, source), [*notes, *found], frames)
+    return clip_of(received, settings, images, depths, _masks(bag, settings.topics.mask, source), [*notes, *found, *thinned], frames)
+
+
+def _thinned(bag: Bag, topic: str, depth_topic: str | None, span: tuple[int, int], every: int, source: str) -> tuple[set[int] | None, set[int] | None, list[str]]:
+    """Which messages of both topics are taken, by their number in the recording, None for all; and a note. Nothing is decoded."""
+    if every == 1:
+        return None, None, []
+    stamps, times = ([_stamp(m) or log_ns for _, log_ns, m in bag.messages([name], *span)] if name else [] for name in (topic, depth_topic))
+    kept = chosen(stamps, every, source)
+    return set(kept), set(nearest(times, [stamps[i] for i in kept])), said(every, len(kept), len(stamps))
 
 
 def _channel(bag: Bag, topic: str, info_topic: str | None, images: Stamped, frame_id: str) -> Channel:
@@ -105,11 +116,16 @@ def _masks(bag: Bag, topic: str | None, source: str) -> Stamped:
     return [(stamp, image[..., 0]) for stamp, image in masks]
 
 
-def _read_topic(bag: Bag, topic: str, source: str, setting: str, span: tuple[int, int] | None = None) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
-    """(stamp [ns], image) of a topic in the order of the recording, the images' frame, and notes."""
+def _read_topic(
+    bag: Bag, topic: str, source: str, setting: str, span: tuple[int, int] | None = None, wanted: set[int] | None = None
+) -> tuple[list[tuple[int, np.ndarray]], str, list[str]]:
+    """(stamp [ns], image) of a topic in the order of the recording, of the `wanted` messages alone (by number; all where None), the images'
+    frame, and notes."""
     images, unstamped, frame_id = Bounded(source), False, ""
     dimensions, what = (2, "depth (16UC1 in mm or 32FC1 in m)") if setting == "depth" else (3, "colour" if setting == "image" else "8-bit label")
-    for _, log_ns, message in bag.messages([topic], *(span or ())):
+    for number, (_, log_ns, message) in enumerate(bag.messages([topic], *(span or ()))):
+        if wanted is not None and number not in wanted:
+            continue
         image = decoded(message, source, topic, colour=setting != "depth")
         if image.ndim != dimensions:
             raise InputError(f"{source}: topic {named(topic)} holds no {what} images; name another with topics.{setting}")

@@ -14,6 +14,7 @@ from diffphys_ros.bags.assemble import Bounded, Stamped, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
 from diffphys_ros.bags.storage import existing
+from diffphys_ros.bags.thinned import said
 from diffphys_ros.bags.world import told_of_world
 from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, listed, named, shown
@@ -33,24 +34,27 @@ def read_video(path: Path, settings: Settings, frames: FrameSettings | None = No
     low, high = FRAME_RATES
     if not low <= fps <= high:
         raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
-    images = _stamped(video_frames(path), fps, shown(path))
+    every = 1 if frames is None else frames.every
+    images = _stamped(video_frames(path, every), fps / every, shown(path))
     clip = _clip(images, settings, shown(path), frames)
     announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
-    if len(images) >= LEAST_DECODED * announced:
-        return clip
-    note = f"{len(images)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged"
-    return replace(clip, notes=(*clip.notes, note))
+    notes = said(every, len(images), round(announced)) if announced > 0 else said(every, len(images), every * len(images))
+    if every * len(images) < LEAST_DECODED * announced:
+        notes.append(f"{every * len(images)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged")
+    return replace(clip, notes=(*clip.notes, *notes))
 
 
-def video_frames(path: Path) -> Iterator[np.ndarray]:
-    """The frames of a video file, RGB uint8 (H, W, 3), one after the other. Raises InputError where there is none."""
+def video_frames(path: Path, every: int = 1) -> Iterator[np.ndarray]:
+    """Every `every`-th frame of a video file from the first on, RGB uint8 (H, W, 3), one after the other. Raises InputError where there is
+    none."""
     capture, count = _opened(path), 0
     try:
-        while True:
-            got, frame = capture.read()
-            if not got:
-                break
-            yield np.ascontiguousarray(frame[..., ::-1])
+        while capture.grab():
+            if count % every == 0:
+                got, frame = capture.retrieve()
+                if not got:
+                    break
+                yield np.ascontiguousarray(frame[..., ::-1])
             count += 1
     finally:
         capture.release()
@@ -91,8 +95,11 @@ def read_images(path: Path, settings: Settings, frames: FrameSettings | None = N
         raise InputError(f"{shown(path)}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
     if settings.camera.fps is None:
         raise InputError(f"{shown(path)}: images in a folder state no frame rate; set camera.fps")
-    check_extent(len(files), 0, shown(path))
-    return _clip(_stamped(map(read_image, files), settings.camera.fps, shown(path)), settings, shown(path), frames)
+    every = 1 if frames is None else frames.every
+    taken = files[::every]
+    check_extent(len(taken), 0, shown(path))
+    clip = _clip(_stamped(map(read_image, taken), settings.camera.fps / every, shown(path)), settings, shown(path), frames)
+    return replace(clip, notes=(*clip.notes, *said(every, len(taken), len(files))))
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -141,5 +148,5 @@ def _clip(images: Stamped, settings: Settings, source: str, frames: FrameSetting
     if told and not settings.scene.target_frame:
         notes.append(f"pictures carry no transforms: {listed(told, 4)} is taken in the camera's own frame, x right, y down, z forward")
     height, width = images[0][1].shape[:2]
-    camera = camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height)
+    camera = replace(camera_from_fov(fov_deg or ASSUMED_FOV_DEG, width, height), lens_told=bool(fov_deg))
     return assemble(images, [], camera, source, notes=notes, frames=frames)

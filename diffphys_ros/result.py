@@ -28,12 +28,14 @@ from .types import (
     Clip,
     Doubt,
     Grid,
+    Hanging,
     MaterialDoubt,
     MaterialPrior,
     ModalProblem,
     MpmProblem,
     Recovery,
     StartValues,
+    Swing,
     Thickness,
     Tracks,
 )
@@ -176,7 +178,7 @@ def _stored(path: str | Path) -> dict[str, Any]:
     from .modes.model import ModalModel
     from .start.zones import Zoned
 
-    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Thickness, Doubt, Tracks, Body, StartValues, MaterialDoubt, Footprint, MaterialPrior))
+    found = store.load(path, (Prepared, Zoned, ModalModel, Camera, Clip, Thickness, Doubt, Tracks, Body, StartValues, MaterialDoubt, Footprint, MaterialPrior, Hanging, Swing))
     if not (isinstance(found, dict) and isinstance(found.get("prepared"), Prepared) and isinstance(found.get("settings"), dict)):
         raise InputError(f"clip {path}: holds no prepared clip; write one with 'diffphys ingest CLIP --out clip.npz'")
     if found["settings"].keys() != config.leaves().keys():

@@ -54,7 +54,7 @@ def collected(clip: Intake, settings: config.Settings, patience_s: float, hand: 
 def read(bag: str, settings: config.Settings, part: Part, hand: Hand) -> Generator[News, None, Sent]:
     """The messages of the clip of a recording, pictures or a video. Raises InputError."""
     yield None
-    clip = read_clip(bag, settings, start_s=part.start_s, duration_s=part.duration_s or None)
+    clip = read_clip(bag, settings, start_s=part.start_s, duration_s=part.duration_s or None, frames=config.FrameSettings(every=settings.frames.every))
     return (yield from hand.through(messages_of_clip(clip)))
 
 

@@ -12,6 +12,7 @@ from diffphys_ros import config
 from diffphys_ros.bags.assemble import MOST_SIDE, check_extent, said_of_pairs, uniform_clock
 from diffphys_ros.bags.read import decoded
 from diffphys_ros.bags.rig import Channel, Received, Rig
+from diffphys_ros.bags.thinned import chosen, said
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.types import Clip
@@ -47,6 +48,9 @@ class Ready(NamedTuple):
 def ready(intake: Intake, settings: config.Settings) -> Ready:
     """Raises InputError where there is no clip in it, NotYetError where what is heard beside the images may still complete it."""
     size, kept, lost = _of_one_size(intake)
+    total, every = len(kept), settings.frames.every
+    kept = [kept[i] for i in chosen([image.stamp for image in kept], every, SOURCE)]
+    lost += said(every, len(kept), total)
     first, pixels = _first_that_can_be_read(kept, intake)
     depths = [] if settings.topics.depth == "none" else _depths_of(intake)
     return Ready(Rig(_received(intake, kept, depths, size, settings), settings), kept, first, pixels, depths, lost)

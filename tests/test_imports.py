@@ -16,8 +16,8 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "colours"}
-SHARED = {"matching", "measured", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
-STAGES = {"segment", "depth", "tracks", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
+SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes"}  # what several stages need alike; imports the ground alone
+STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}
 OUTPUT = FILES | {"folder", "result", "report", "score"}
@@ -67,7 +67,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 DOORS: dict[str, set[str]] = {
     "warp": {"simulate", "render"},
     "skfem": {"elements"},
-    "cv2": {"matching.py", "segment", "tracks", "body", "depth", "bags", "capture"},
+    "cv2": {"matching.py", "steady.py", "segment", "tracks", "outline", "body", "depth", "bags", "capture"},
     "rclpy": {"nodes"},
     "mcap": {"bags"},
     "mcap_ros2": {"bags"},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..config import Scene, Settings, leaves
@@ -9,6 +11,7 @@ from ..errors import InputError
 from ..inpaint import nearest_known
 from ..measured import scene_of
 from ..types import Body, Clip, object_mask
+from .leaving import with_edge
 from .silhouette import nearest
 from .solid import Solid, solid_of
 from .view import View, mask_with_depth, view_of
@@ -17,30 +20,33 @@ WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is know
 POISSON_RATIO = 0.3  # assumed where it is not known
 
 
-def build_body(clip: Clip, depth0: np.ndarray, settings: Settings) -> Body:
+def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float = 0.0, soft: np.ndarray | None = None) -> Body:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
     `scene.thickness_m`, or the silhouette's own local width where that is not given. Without a depth topic the body is a slab
-    between two planes, cut out where both show in the mask. Needs `clip.labels`.
+    between two planes, cut out where both show in the mask, and held where it leaves the picture if nobody tells its clamp. Needs `clip.labels`.
 
     Args:
         clip: recording with label images.
         depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
         settings: `scene.*`.
+        behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object.
+        soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
 
     Raises:
-        InputError: nothing of the object near the clamp box, a density list that does not fit the parts, an object too small.
+        InputError: nothing of the object near the clamp, a density list that does not fit the parts, an object too small.
     """
     if clip.labels is None:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
-    scene = scene_of(clip, settings.scene)
-    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene)
+    scene, seen = with_edge(clip, scene_of(clip, settings.scene))
+    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px, soft)
     solid = solid_of(view, scene)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle
-    return _described(scene, clip, view, pose, solid, part)
+    body = _described(scene, clip, view, pose, solid, part)
+    return replace(body, sources=body.sources | {"clamp": seen}) if seen else body
 
 
 def _parts(labels: np.ndarray, view: View, inside: np.ndarray) -> np.ndarray:
@@ -70,16 +76,18 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
         poisson=_per_part(scene.poisson_ratio or [POISSON_RATIO], parts, "scene.poisson_ratio"),
         gravity=np.array(scene.gravity_m_s2 or (0.0, 0.0, 0.0)) @ pose[:3, :3],
         clamped=view.clamp is not None,
-        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid, view.lean),
+        sources={"density": density_source, "thickness": "thickness_m" if scene.thickness_m else "the mask's own width"} | _root_source(solid, view),
     )
 
 
-def _root_source(solid: Solid, lean: float) -> dict[str, str]:
-    said = []
+def _root_source(solid: Solid, view: View) -> dict[str, str]:
+    lean, said = view.lean, []
     if lean:
         said.append(f"the object's outline ends on a line that leans {abs(np.rad2deg(lean)):.0f} degrees off the box face, which is taken for the held face")
     if solid.short_m:
         said.append(f"the object's outline ends {1e3 * solid.short_m:.1f} mm before the clamped plane and was continued to it")
+    if view.clamp is not None and view.clamp.drawn:
+        return {"clamp": "; ".join(["clamp_px, a line in the picture", *said])}
     return {"clamp": "clamp_box_m; " + "; ".join(said)} if said else {}
 
 

@@ -16,6 +16,7 @@ FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations
 THINNEST = 0.15  # of the largest half thickness: a thinner rim is left out, it carries no load
 HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
+BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 
@@ -36,7 +37,7 @@ def solid_of(view: View, scene: Scene) -> Solid:
         raise InputError(f"{view.source}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
     short = 0
     if view.clamp:
-        inside, short = _with_root(view, inside, scene)
+        inside, short = _with_straight_root(view, inside) if view.clamp.drawn else _with_root(view, inside)
     full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else local_half_width(inside) * view.raster.pitch_m
     receding = np.clip(view.front - smoothed(height, inside), 0, None)
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
@@ -55,7 +56,7 @@ def _front(view: View, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return tidy(inside & before_middle), height
 
 
-def _with_root(view: View, inside: np.ndarray, scene: Scene) -> tuple[np.ndarray, int]:
+def _with_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """The silhouette continued to the clamp plane within the box's width, where it is hidden or stops short by a few pixels; where all of it
     stops further off, from there, and how far that is [cells]. Raises InputError where nothing of it lies in front of the box."""
     assert view.clamp is not None
@@ -66,9 +67,19 @@ def _with_root(view: View, inside: np.ndarray, scene: Scene) -> tuple[np.ndarray
         return grown, 0
     rows = np.flatnonzero((inside & in_box).any(1))
     if not len(rows):
-        raise InputError(f"scene.clamp_box_m {scene.clamp_box_m}: nothing of the object lies straight in front of the box; move the box onto the held face (world frame, metres)")
+        raise InputError(f"{view.clamp.told}: nothing of the object lies straight in front of it; move it onto the held face")
     short = int(rows[0])
     return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + tolerance, tolerance=short + tolerance), inside), short
+
+
+def _with_straight_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
+    """The silhouette continued straight from the line that was drawn for the clamp, and from the picture's edge, to the clamped plane; and 0
+    cells. Raises InputError where nothing of it lies at that line."""
+    assert view.clamp is not None
+    first = min(round((view.behind_m + BESIDE_LINE_PX * view.footprint_m) / view.raster.pitch_m), len(inside) - 1)
+    if not inside[first].any():
+        raise InputError(f"{view.clamp.told}: nothing of the object lies at this line in its reference frame; draw it across the held end, or along the picture's edge")
+    return np.where(np.arange(len(inside))[:, None] < first, inside[first], inside), 0
 
 
 def _occluded(view: View) -> np.ndarray:

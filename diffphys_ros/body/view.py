@@ -40,6 +40,7 @@ class View:
     footprint_m: float  # side of a pixel on the object
     clamp: Clamp | None
     lean: float = 0.0  # of the clamped plane off its box face, about z [rad]
+    behind_m: float = 0.0  # how far the clamped plane lies behind the line that was drawn for it
 
     def front_pixels(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells on the front face."""
@@ -52,8 +53,9 @@ def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:
     return object_mask(labels) & (depth0 > 0)
 
 
-def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> View:
-    """The view of frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
+def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0, soft: np.ndarray | None = None) -> View:
+    """The view of frame 0; a clamp that was drawn as a line lies so far behind it. `soft` (H, W) is the share of
+    each pixel that the object covers, where that is known better than from frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
     v, u = np.nonzero(mask)
     if len(v) < LEAST_PIXELS:
         raise InputError(
@@ -61,7 +63,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         )
     points = clip.camera.backproject(np.stack([u, v], -1).astype(float), depth0[v, u].astype(float))
     towards = thickness_direction(scene, clip.camera, points)
-    clamp = find_clamp(scene, points, towards)
+    clamp = find_clamp(scene, clip.camera, points, towards, behind_px)
     pose = body_pose(clamp, points, towards, up_direction(scene, clip.camera))
     footprint = float(np.median(depth0[v, u])) / clip.camera.focal_px
     seen = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -70,7 +72,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     noise = height_noise(height, mask)
     front = front_level(height, mask, noise)
     lean = 0.0
-    if clamp is not None:
+    if clamp is not None and not clamp.drawn:
         below = max(FRONT_PX * footprint, TOP_NOISE * noise)
         lean = lean_of_end(on_front(seen, (clip.camera.position - pose[:3, 3]) @ pose[:3, :3], front, below), footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
         pose = leaning(pose, lean) if lean else pose
@@ -78,7 +80,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
     return View(
         source=clip.source or "clip",
         camera=clip.camera,
-        soft=coverage(clip.frames[0], mask),
+        soft=coverage(clip.frames[0], mask) if soft is None else soft,
         surface=np.where(mask, depth0, 0.0).astype(float),
         measured=None if clip.depth is None else clip.depth[0],
         pose=pose,
@@ -88,6 +90,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene) -> V
         footprint_m=footprint,
         clamp=clamp,
         lean=lean,
+        behind_m=behind_px * footprint,
     )
 
 

@@ -64,12 +64,17 @@ class Leaf:
             return None
         if not self.is_list:
             return self._scalar(value, origin)
-        items = list(value) if isinstance(value, (list, tuple)) else [value]
+        items = self._unpaired(list(value)) if isinstance(value, (list, tuple)) else [value]
         if self.length and len(items) != self.length:
             raise InputError(f"{origin}: {self.name} has {len(items)} numbers, needs {self.length}; give {self.doc}")
         if not 1 <= len(items) <= LONGEST_LIST:
             raise InputError(f"{origin}: {self.name} has {len(items)} values, must have 1 to {LONGEST_LIST}; give {self.doc}")
         return [self._scalar(item, origin) for item in items]
+
+    def _unpaired(self, items: list[Any]) -> list[Any]:
+        """The numbers u v u v of points that are written as [[u, v], [u, v]]; other lists as they are."""
+        pairs = self.unit == "px" and all(isinstance(item, (list, tuple)) and len(item) == 2 for item in items)
+        return [number for pair in items for number in pair] if pairs else items
 
     def _left_out(self, value: Any) -> bool:
         """Whether a value stands for none; `==` alone would compare an array element by element."""

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ..errors import InputError
 from .leaf import leaves
 
-_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "prior", "particles", "splats", "fit", "metrics", "publish")
+_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "tracks", "prior", "particles", "splats", "fit", "metrics", "publish")
 _OF_WORLD = ("scene.gravity_m_s2", "scene.thickness_axis", "scene.clamp_box_m", "scene.floor_z_m")  # who reads them waits for a world
 _RECOVER = (*_FIT, "frames", "experiment")
 READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -17,10 +17,10 @@ READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "diffphys ingest": _RECOVER,
         "diffphys batch": _RECOVER,
         "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "splats", "fit", "capture", "experiment"),
-        "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD),
+        "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD, "frames.every"),
         "segment_node": ("scene", "segment", "depth", "fit.device"),
         "splat_node": ("scene", "depth", "splats", "fit.device"),
-        "fit_node": (*_FIT, "playback"),
+        "fit_node": (*_FIT, "playback", "frames.every"),
         "inspect_node": (),
     }
 )

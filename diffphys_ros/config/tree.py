@@ -35,14 +35,19 @@ class Scene:
     density_kg_m3: list[float] | None = setting(None, "density, one value or one per part", unit="kg/m^3", low=1.0, high=3e4)
     poisson_ratio: list[float] | None = setting(None, "Poisson's ratio, one value or one per part; the prior's where not given, else 0.3", low=0.0, high=0.49)
     thickness_m: float | None = setting(None, "largest extent along thickness_axis", unit="m", low=1e-4, high=10.0)
-    size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0; fixes the scale where neither depth nor clamp does", unit="m", low=1e-4, high=1e3)
+    size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0, or what length_px marks; fixes the scale where neither depth nor clamp_box_m does", unit="m", low=1e-4, high=1e3)
+    length_px: list[float] | None = setting(None, "two points of frame 0, size_m apart and as far away as the object: [[u, v], [u, v]]", unit="px", length=4)
     thickness_axis: list[float] | None = setting(None, "world axis that the camera cannot see along", length=3)
     gravity_m_s2: list[float] | None = setting(None, "gravity in the world frame; none is assumed where it is not given", unit="m/s^2", low=-100.0, high=100.0, length=3)
+    down_px: list[float] | None = setting(None, "direction of gravity in the picture, in place of gravity_m_s2: [0, 1] is straight down; the camera is taken to be level", unit="px", length=2)
     clamp_box_m: list[float] | None = setting(None, "box around the clamped face: xmin ymin zmin xmax ymax zmax, world frame", unit="m", low=-1e6, high=1e6, length=6)
+    clamp_px: list[float] | None = setting(None, "line in the reference frame along which the object is held, in place of clamp_box_m: [[u, v], [u, v]]; what lies beyond it is no part of the body; the edge of the picture where the clamp may lie beyond it", unit="px", length=4)
     floor_z_m: float | None = setting(None, "height of the floor, world frame; the simulated object does not pass it", unit="m", low=-1e6, high=1e6)
+    floor_px: list[float] | None = setting(None, "line in frame 0 where the floor is at the object, seen from its side, in place of floor_z_m: [[u, v], [u, v]]", unit="px", length=4)
     floor_friction: float = setting(0.5, "Coulomb friction between object and floor", low=0.0, high=10.0)
     first_mask: str | None = setting(None, "PNG of the object in frame 0: part labels, or 0/255 for background/object", path=True)
     at_rest: bool = setting(False, "frame 0 is still and in static equilibrium")
+    rest_frame: int | None = setting(None, "frame of the clip, counted from 0, in which the object is nearest to rest; found for an object that is seen by its outline, 0 where points are followed", low=0, high=5000)
     target_frame: str | None = setting(None, "frame of the transforms that is the world, z up (the camera's own: settings are meant in that); the root of the camera's tree where not given")
 
     @property
@@ -60,6 +65,7 @@ class Scene:
 class FrameSettings:
     """Which frames of a recording are fitted, and which are kept back to be predicted."""
 
+    every: int = setting(1, "frames of the recording from one that is taken to the next; 1: all are. The other settings count what is taken", low=1, high=1000)
     fit: int = setting(0, "frames that are fitted, from the first on; 0: all but those of frames.predict", low=0, high=5000)
     predict: int = setting(0, "frames after them that the fit never sees; how well its answer, let free, predicts them stands in metrics.json", low=0, high=5000)
 
@@ -129,6 +135,13 @@ class CaptureSettings:
     matching: str = setting("auto", "pairs of pictures that are compared; auto: all of up to 60 pictures, else neighbours in time", choices=("auto", "exhaustive", "sequential"))
     positions: str | None = setting(None, "text file of known camera positions, lines `picture x y z` in metres; at least three give scale and world frame", path=True)
     max_gaussians: int = setting(30_000, "most Gaussians of the scene; 0: none are trained", low=0, high=10_000_000)
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """What of the object is followed."""
+
+    evidence: str = setting("auto", "points: textured points of the surface; outline: the edge of an object without texture; auto: points where enough of them can be followed, else the outline", choices=("auto", "points", "outline"))
 
 
 @dataclass(frozen=True)
@@ -259,6 +272,7 @@ class Settings:
     sync: Sync = group(Sync, WHERE)
     segment: Segment = group(Segment, OBJECT)
     depth: DepthSettings = group(DepthSettings, OBJECT)
+    tracks: TrackSettings = group(TrackSettings, OBJECT)
     prior: PriorSettings = group(PriorSettings, BELIEF)
     particles: ParticleSettings = group(ParticleSettings, SOLVED)
     splats: SplatSettings = group(SplatSettings, SOLVED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,9 @@ from .leaf import leaves
 from .moved import moved
 from .tree import Experiment, PriorSettings, Scene, Settings
 
+IN_PICTURE = {"clamp_box_m": "clamp_px", "floor_z_m": "floor_px", "gravity_m_s2": "down_px"}  # of scene: what is told in the world, and the same in the picture
+LINES = ("clamp_px", "length_px", "floor_px")
+SHORTEST_PX = 2.0  # of a line: nearer points have no direction
 WEIGHTS = ("experiment.track_weight", "experiment.image_weight", "experiment.depth_weight")  # of everything that is seen
 
 
@@ -29,6 +33,7 @@ def build(values: Mapping[str, Any], origin: str = "settings") -> Settings:
     _require_one_prior(settings.prior, origin)
     _require_direction(settings.scene, origin)
     _require_one_density(settings.scene, origin)
+    _require_said_once(settings.scene, origin)
     return settings
 
 
@@ -59,6 +64,19 @@ def _require_one_density(scene: Scene, origin: str) -> None:
     """Densities of several parts may stand beside a mass, which scales them; a single one would be ignored."""
     if scene.mass_kg is not None and scene.density_kg_m3 is not None and len(scene.density_kg_m3) == 1:
         raise InputError(f"{origin}: scene.mass_kg and scene.density_kg_m3 are both given, one follows from the other; leave one out, or give a density per part")
+
+
+def _require_said_once(scene: Scene, origin: str) -> None:
+    """Of what is told in metres and in pixels, one would be ignored; two equal points are no line."""
+    for metric, pictured in IN_PICTURE.items():
+        if getattr(scene, metric) is not None and getattr(scene, pictured) is not None:
+            raise InputError(f"{origin}: scene.{metric} and scene.{pictured} are both given and say the same; leave one out, or set it to null")
+    for name in LINES:
+        line = getattr(scene, name)
+        if line is not None and math.dist(line[:2], line[2:]) < SHORTEST_PX:
+            raise InputError(f"{origin}: scene.{name} is {short(line)}, its points must be at least {SHORTEST_PX:g} px apart; give two points as [[u, v], [u, v]]")
+    if scene.down_px is not None and not any(scene.down_px):
+        raise InputError(f"{origin}: scene.down_px is {short(scene.down_px)}, must have a direction; [0, 1] is straight down")
 
 
 def _nearest(name: str) -> str:

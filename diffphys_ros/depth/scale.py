@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from ..config import Settings
+from ..picture import length_at_unit_depth
 from ..types import Camera, Clip
 
 ASSUMED_DISTANCE_M = 1.0
@@ -44,6 +45,8 @@ def object_distance(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[f
         return float(clip.camera.project(centre)[1]) - (scene.thickness_m or 0.0) / 2, CLAMP
     if scene.size_m is None or not mask.any():
         return ASSUMED_DISTANCE_M, UNKNOWN
+    if scene.length_px is not None:
+        return scene.size_m / length_at_unit_depth(clip.camera, scene.length_px), f"size_m {scene.size_m:g} m between the points of length_px"
     return scene.size_m / _extent_at_unit_depth(clip.camera, mask), f"size_m {scene.size_m:g} m, taken across the line of sight"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..config import Settings
 from ..measured import scene_of
+from ..picture import told_in_picture
 from ..types import Clip, object_mask
 from .capture import captured_depth, registered
 from .inflate import inflated_depth
@@ -39,8 +40,8 @@ def surface_depth(clip: Clip, settings: Settings) -> tuple[np.ndarray, DepthSour
 
 def placed(clip: Clip, settings: Settings) -> Clip:
     """The clip as every stage after reading takes it: where the depth source is a capture, with the capture's camera, without lens
-    distortion and with the thickness measured there (see `registered`); else as it is."""
-    return registered(clip, settings) if source_of(clip, settings) == "capture" else clip
+    distortion and with the thickness measured there (see `registered`); with gravity where the picture says it (see `told_in_picture`)."""
+    return told_in_picture(registered(clip, settings) if source_of(clip, settings) == "capture" else clip, settings.scene)
 
 
 def source_of(clip: Clip, settings: Settings) -> str:

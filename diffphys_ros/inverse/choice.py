@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,8 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
         "young_start_pa": problem.prepared.start.young.tolist(),
         "young_refined_pa": (problem.layout.young_of(fitted.z) * problem.disc.apparent).tolist(),
     }
+    if (hanging := problem.prepared.hanging) is not None:
+        metrics["outline"] = asdict(hanging)
     if terms is not None and fitted.model.material is not None:
         metrics["fields"] = _of_fields(fitted, terms)
     found = assemble(

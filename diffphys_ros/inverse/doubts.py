@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ..config import Settings
 from ..types import Body, Clip, Doubt, StartValues, Tracks
 from ..vibration.continuity import jump_after, moving_at_first, swings_off_rest
 from ..vibration.coordinates import Motion, observe
 
+if TYPE_CHECKING:
+    from ..tracks import CameraMotion
 
-def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settings: Settings) -> tuple[Doubt, ...]:
-    """What is to be doubted, worst first; empty for a sound recording. Needs OpenCV."""
-    from ..tracks import camera_motion
 
-    moved = camera_motion(clip, tracks)
+def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settings: Settings, moved: CameraMotion | None = None) -> tuple[Doubt, ...]:
+    """What is to be doubted, worst first; empty for a sound recording. `moved`: how the camera did, None where it stood."""
     if moved is not None:
         return (Doubt(moved.sentence(), of_young=True),)  # what else the tracks seem to say is the camera's
     motion = observe(body, tracks, clip.camera)

@@ -26,6 +26,7 @@ class TrackTarget:
     camera_from_body: torch.Tensor | None  # (3, 4), only without depth
     focal: torch.Tensor | None  # depth of frame 0 over the focal length [m/px], (M,)
     pixel_from_camera: torch.Tensor | None  # (3, 3)
+    normals: torch.Tensor | None = None  # in the picture, along which alone the points of an outline are seen to move, (M, 2)
 
     @classmethod
     def of(cls, tracks: Tracks, body: Body, camera: Camera, *, dtype: torch.dtype, device: str) -> TrackTarget:
@@ -42,6 +43,7 @@ class TrackTarget:
             observed = np.where(tracks.valid[..., None], (tracks.pixels - tracks.pixels[:1]) * scale[:, None], 0.0)
             extra = (_camera_from_body(camera, body), scale, camera.pixel_from_camera)
         mean_square = float((observed**2).sum() / weight.sum())
+        extra = (*extra, None if tracks.normals is None else _in_picture(tracks, camera))
         tensors = [None if a is None else torch.as_tensor(a, **as_tensor) for a in extra]
         return cls(torch.as_tensor(points[0], **as_tensor), torch.as_tensor(observed, **as_tensor), torch.as_tensor(weight, **as_tensor), mean_square, *tensors)
 
@@ -66,7 +68,8 @@ class TrackTarget:
     def _seen(self, displacement: torch.Tensor) -> torch.Tensor:
         if self.camera_from_body is None or self.pixel_from_camera is None or self.focal is None:
             return displacement
-        return (self._pixels(self.points0 + displacement) - self._pixels(self.points0)) * self.focal[:, None]
+        moved = (self._pixels(self.points0 + displacement) - self._pixels(self.points0)) * self.focal[:, None]
+        return moved if self.normals is None else (moved * self.normals).sum(-1, keepdim=True) * self.normals
 
     def _pixels(self, points: torch.Tensor) -> torch.Tensor:
         assert self.camera_from_body is not None
@@ -79,6 +82,13 @@ class TrackTarget:
 def _camera_from_body(camera: Camera, body: Body) -> np.ndarray:
     camera_from_world = np.linalg.inv(camera.world_from_camera)
     return (camera_from_world @ body.world_from_body)[:3]
+
+
+def _in_picture(tracks: Tracks, camera: Camera) -> np.ndarray:
+    """Unit vectors (M, 2) along which the normals of an outline point in the picture."""
+    assert tracks.normals is not None
+    step = camera.project(tracks.points[0] + tracks.normals)[0] - camera.project(tracks.points[0])[0]
+    return step / np.linalg.norm(step, axis=1, keepdims=True)
 
 
 def acceleration_scale(tracks: Tracks, period_s: float) -> float:

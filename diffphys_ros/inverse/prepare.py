@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..config import Settings
 from ..errors import InputError, shown
 from ..progress import Progress, waiting
-from ..types import Clip, MaterialPrior, StartValues, object_mask
+from ..types import Body, Clip, MaterialPrior, StartValues, Swing, object_mask
 from .law import law_to_fit
 from .material_prior import believed, of_parts, parted
+from .outlined import outlined, with_hanging
 from .prepared import LEAST_FRAMES, Prepared
+from .swing import swing_of
+
+if TYPE_CHECKING:
+    from ..depth import DepthSource
+    from ..tracks import OnTripod
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -38,31 +45,41 @@ def check_clip(clip: Clip) -> None:
             )
 
 
+def _require_reference(settings: Settings) -> None:
+    """Raises InputError for a frame of rest that nothing here builds the body at."""
+    if settings.scene.rest_frame:
+        raise InputError(
+            f"scene.rest_frame is {settings.scene.rest_frame}, but points are followed from frame 0, where the body is built; cut the recording so that it begins there, or leave it out"
+        )
+
+
+def _evenly_exposed(clip: Clip) -> Clip:
+    """The clip without drift of the exposure, which a picture that moves hides while a clip is read."""
+    from ..bags.exposure import with_steady_exposure
+
+    frames, drift = with_steady_exposure(clip.frames)
+    return replace(clip, frames=frames, notes=(*clip.notes, f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off")) if drift else clip
+
+
 def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Generator[Progress, None, Prepared]:
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
-    from ..body import build_body
-    from ..depth import placed, surface_depth
+    from ..depth import placed
     from ..prior import believing
     from ..start import joint_values, joint_wanted, start_values
-    from ..tracks import follow
     from .doubts import doubts_of
     from .zones import zones_of
 
     check_clip(clip)
     law_to_fit(settings)
     clip = placed(clip, settings)
-    yield Progress("segment", text="object mask and parts")
-    clip = label(clip, settings)
-    check_clip(clip)
-    yield Progress("depth", text="depth of the visible surface")
-    depth0, source = surface_depth(clip, settings)
-    if settings.depth.source not in ("auto", "topic"):
-        clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
-    yield Progress("tracks", text="following surface points")
-    tracks = follow(clip, depth0, settings)
-    yield Progress("body", text=f"{tracks.pixels.shape[1]} tracks, noise {1e3 * tracks.noise_m:.2f} mm; filling the interior")
-    body, belief = build_body(clip, depth0, settings), None
-    body = replace(body, sources=body.sources | {"metric_scale": source.scale})
+    seen = yield from outlined(clip, settings)
+    if seen is None:
+        _require_reference(settings)
+        held, depth0, source, body = yield from _by_points(clip, settings)
+        clip, tracks, moved = held.clip, held.tracks, held.moved
+    else:
+        clip, depth0, source, tracks, body, settings, moved = seen.clip, seen.depth0, seen.source, seen.tracks, seen.body, seen.settings, seen.moved
+    belief, hanging = None, None
     if settings.prior.source == "model":
         yield Progress("body", text=f"asking the model {shown(settings.prior.model)} about the material")
     prior = yield from waiting("body", believing(clip, settings))
@@ -75,14 +92,41 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
+    if seen is not None:
+        start = with_hanging(start, seen.hanging)
+        hanging = replace(seen.hanging, swing=swing_of(seen.whole, seen, start))
+        yield Progress("modes", text=describe_swing(hanging.swing))
     if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
-    doubts = doubts_of(clip, tracks, body, start, settings)
-    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts)
+    doubts = doubts_of(clip, tracks, body, start, settings, moved)
+    prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
     yield Progress("modes", text=describe_start(start))
     for doubt in doubts:
         yield Progress("modes", text=doubt.text)
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
+
+
+def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[OnTripod, np.ndarray, DepthSource, Body]]:
+    """The labelled clip and the points followed on the object, its depth in frame 0 [m] (H, W) and where that comes from, and its body."""
+    from ..body import build_body
+    from ..depth import surface_depth
+    from ..tracks import follow, on_tripod
+
+    yield Progress("segment", text="object mask and parts")
+    clip = label(clip, settings)
+    check_clip(clip)
+    yield Progress("depth", text="depth of the visible surface")
+    depth0, source = surface_depth(clip, settings)
+    if settings.depth.source not in ("auto", "topic"):
+        clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
+    yield Progress("tracks", text="following surface points")
+    held = on_tripod(clip, follow(clip, depth0, settings), lambda steady: follow(steady, depth0, settings))
+    if held.clip is not clip:
+        held = replace(held, clip=_evenly_exposed(held.clip))
+        yield Progress("tracks", text=held.clip.notes[-1])
+    yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
+    body = build_body(held.clip, depth0, settings)
+    return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
 
 
 def describe_prior(prior: MaterialPrior) -> str:
@@ -98,6 +142,13 @@ def describe_start(start: StartValues) -> str:
     span = f"frames {forced[0]}..{forced[-1]}" if len(forced) else "no frame"
     tones = ", ".join(f"{f:.2f}" for f in start.observed_hz)
     return f"start values: E = {parts}; seen {tones} Hz; force in {span} ({start.footprint.family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
+
+
+def describe_swing(swing: Swing | None) -> str:
+    """The prediction of the large swing in a line for people."""
+    if swing is None:
+        return "the swing from frame 0 on could not be followed"
+    return f"let go as in frame 0, the free end swings by {swing.tip_motion_px:.1f} px (rms) and misses the picture by {swing.tip_error_px:.1f} px: {100 * swing.tip_error_share:.1f} %"
 
 
 def scaled_start(start: StartValues, factor: float) -> StartValues:

@@ -9,7 +9,7 @@ import numpy as np
 from .. import shapes
 from ..modes.model import ModalModel
 from ..start.zones import Zoned
-from ..types import Body, Clip, Doubt, MaterialPrior, StartValues, Tracks
+from ..types import Body, Clip, Doubt, Hanging, MaterialPrior, StartValues, Tracks
 
 LEAST_FRAMES = 8  # fewer cannot show an oscillation
 
@@ -28,6 +28,7 @@ class Prepared:
     prior: MaterialPrior | None = None  # of the material
     zones: Zoned | None = None  # where the material is wanted as a field
     doubts: tuple[Doubt, ...] = ()  # about the recording
+    hanging: Hanging | None = None  # where the outline was followed instead of points
 
     def check(self) -> None:
         """Holds arrays of unknown origin to the shapes and bounds that the solver counts on. Raises shapes.MisshapenError."""

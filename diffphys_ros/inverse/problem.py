@@ -93,7 +93,7 @@ def problem_on(
     held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if settings.experiment.schedule == "linear" else frozenset())
     layout = Layout.of(start, body, force_unit=force_unit * _concentration(prepared), initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
-    planes = floor_planes(body, disc.particles, settings.scene, dx=plan.dx)
+    planes = floor_planes(body, disc.particles, settings.scene, prepared.clip.camera, dx=plan.dx)
     forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
     binding = bind(target.rest_points, disc.particles.x_rest)
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import replace
 
 import torch
 
@@ -30,6 +31,7 @@ def solve(
     iterating is to cancel. Where the clock stops it, the best answer so far is returned, and says so."""
     checkpoint, clock = checkpoint or Checkpoint(None), clock or Clock()
     checkpoint.bind(prepared.clip, settings, begun=start_scale)
+    settings = suited(prepared, settings)
     prepared = prescribed(prepared, settings)
     zones = yield from zones_of(prepared, settings)
     yield Progress("plan", text="choosing cells and particles")
@@ -46,6 +48,13 @@ def solve(
     recovery = in_parts(answered(fitted, clock), zones)
     yield Progress("result", text=verdict(recovery))
     return recovery
+
+
+def suited(prepared: Prepared, settings: Settings) -> Settings:
+    """With the schedule that auto stands for where an outline was followed: its small motions are linear."""
+    if prepared.hanging is None or settings.experiment.schedule != "auto":
+        return settings
+    return replace(settings, experiment=replace(settings.experiment, schedule="linear"))
 
 
 def _repeatable(device: str) -> None:

@@ -12,7 +12,7 @@ from ..config import FrameSettings, Settings
 from ..depth import placed
 from ..inverse import Prepared
 from ..segment import Mark, label_clip
-from ..tracks import follow_on
+from ..tracks import follow_on, on_tripod
 from ..types import Clip, Tracks
 
 
@@ -34,12 +34,17 @@ def held_out(source: str | Path, prepared: Prepared, settings: Settings) -> Held
     """Reads the recording once more, now with the frames kept back. The fit's own mask of frame 0 and its own points are followed on into
     them. Raises InputError."""
     wanted = settings.frames
-    clip = placed(read_clip(source, settings, frames=FrameSettings(fit=wanted.fit and wanted.fit + wanted.predict)), settings)
+    clip = placed(read_clip(source, settings, frames=FrameSettings(every=wanted.every, fit=wanted.fit and wanted.fit + wanted.predict)), settings)
     if prepared.clip.depth is None:
         clip = replace(clip, depth=None)
     assert prepared.clip.labels is not None
     clip = clip.with_labels(label_clip(clip, settings, Mark(labels=prepared.clip.labels[0])))
-    return HeldOut(clip, follow_on(clip, prepared.tracks, prepared.depth0, settings), len(prepared.clip))
+
+    def followed(seen: Clip) -> Tracks:
+        return follow_on(seen, prepared.tracks, prepared.depth0, settings)
+
+    held = on_tripod(clip, followed(clip), followed)
+    return HeldOut(held.clip, held.tracks, len(prepared.clip))
 
 
 def judged_tracks(held: HeldOut) -> tuple[Tracks, np.ndarray]:

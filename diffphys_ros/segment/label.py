@@ -8,13 +8,15 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
-from ..types import IGNORE, Clip
+from ..picture import side_of
+from ..types import IGNORE, Clip, object_mask
 from .given import given_mask
 from .motion import motion_mask
 from .otsu import otsu_mask
 from .parts import numbered, split_parts
 from .prompt import NO_MARK, Mark
 from .propagate import propagate
+from .regions import pixel_grid
 from .sam import sam_mask
 
 LEAST_SIDE_PX = 32  # of a frame: OpenCV's optical flow reads beyond the images of its pyramid where one is a narrow strip
@@ -39,7 +41,7 @@ def label_clip(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarr
         raise InputError(
             f"{clip.source or 'clip'}: the frames have {width} x {height} pixels, needs at least {LEAST_SIDE_PX} a side to see motion; film the object larger"
         )
-    mask = METHODS[_method(clip, settings, mark)](clip, settings, mark)
+    mask = _without_held(METHODS[_method(clip, settings, mark)](clip, settings, mark), settings)
     return propagate(clip.frames, clip.seen, first_labels(mask, clip, settings), clip.depth)
 
 
@@ -64,9 +66,20 @@ def _method(clip: Clip, settings: Settings, mark: Mark) -> str:
     return method
 
 
+def _without_held(mask: np.ndarray, settings: Settings) -> np.ndarray:
+    """A label image (H, W) without what lies beyond the line `scene.clamp_px`, seen from where most of the object is."""
+    if settings.scene.clamp_px is None:
+        return mask
+    side = side_of(settings.scene.clamp_px, pixel_grid(mask.shape))
+    free = np.sign(np.median(side[object_mask(mask)])) if object_mask(mask).any() else 1.0
+    return np.where(side * (free or 1.0) < 0, 0, mask).astype(mask.dtype)
+
+
 def _clamp_pixel(clip: Clip, settings: Settings) -> np.ndarray | None:
     """Where the centre of the clamp box lies in the image [px], shape (2,); None without a clamp."""
     box = settings.scene.clamp_box_m
+    if settings.scene.clamp_px is not None:
+        return np.reshape(settings.scene.clamp_px, (2, 2)).mean(0)
     if box is None:
         return None
     pixel, depth = clip.camera.project(np.reshape(box, (2, 3)).mean(0))

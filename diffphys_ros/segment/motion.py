@@ -7,6 +7,7 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
+from ..steady import as_seen_first, overlay
 from ..types import Clip
 from .movement import LEAST_MOTION_PX, Movement
 from .prompt import NO_MARK, Mark, Prompt
@@ -16,6 +17,8 @@ from .surroundings import ends_inside, reachable
 LEAST_SHARE = 0.001  # of the image that must move
 CHROMA_SPREAD = 4.0  # units of CIELAB within which two chromas are one
 SPOT_SHARE = 0.07  # of the root of the core's area: radius of a spot of the scene's colours on a still root of foreign ones
+SIDE, MOVING_SIDE, MOST_SIDES = 0.1, 0.1, 3  # of the picture: width of a side, share of it that moves, and how many of the four
+LEAST_AGREED = 0.5  # share of the tiles of the picture that must say the same of the camera
 RARE = 0.002  # share of the scene below which a chroma is foreign to it
 
 
@@ -45,11 +48,29 @@ def moving_core(frames: np.ndarray, prompt: Prompt) -> tuple[np.ndarray, np.ndar
     """Pixels of frame 0 on moving texture, closed over the gaps between them, the region that the prompt chooses; and those that stand
     still beside it: bool (H, W) each."""
     movement = Movement.of(frames)
+    if _on_most_sides(movement.moving):
+        movement = Movement.of(_held_still(movement.frames))
     closed = _closed(movement.moving, 0.015 * np.sqrt(movement.moving.size))
     opened = cv2.morphologyEx(closed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
     core = prompt.region(opened)
     still = movement.still(core)
     return filled(core, but=still) & ~still, still
+
+
+def _on_most_sides(moving: np.ndarray) -> bool:
+    """Whether things move (H, W) along most sides of the picture: the camera may, then."""
+    band = max(2, round(SIDE * min(moving.shape)))
+    sides = moving[:band], moving[-band:], moving[:, :band], moving[:, -band:]
+    return sum(side.mean() > MOVING_SIDE for side in sides) >= MOST_SIDES
+
+
+def _held_still(frames: np.ndarray) -> np.ndarray:
+    """Frames (K, H, W, 3) laid over the first by the motion on which most of the picture agrees; as they are where it does not agree."""
+    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32) for frame in frames]
+    seen = overlay(grey, [np.ones(frames.shape[1:3], bool)] * len(frames))
+    if np.median(seen.agreed) < LEAST_AGREED:
+        return frames
+    return np.stack([frames[0], *(as_seen_first(frame, matrix) for frame, matrix in zip(frames[1:], seen.matrix[1:], strict=True))])
 
 
 def _by_colour(frame: np.ndarray, core: np.ndarray, likely: np.ndarray, allowed: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from ..vibration.coordinates import Motion, Projection
 from ..vibration.forced_frames import Support
 from .densities import Densities
 from .force import ForceProblem
-from .free_tail import MODEL_ERROR, Tail
+from .free_tail import DETUNED, MODEL_ERROR, Tail
 
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
@@ -81,7 +81,8 @@ class Evidence:
         seen = Projection.of(self.motion, modal)
         moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
-        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.densities)
+        detuned = DETUNED if self.tracks.normals is None else 0  # an outline shows one mode well: what its shape misses must not buy another frequency
+        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.densities, detuned)
 
     def whole(self, modal: ModalModel, support: Support) -> ForceProblem:
         """The misfit of all frames under a modal model and a force."""

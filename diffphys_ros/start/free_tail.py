@@ -84,6 +84,7 @@ class Tail:
     sigma_m: float  # what a frame may miss [m]
     most_modes: int
     densities: Densities | None = None  # of the parts, where a search is to find them
+    detuned: int = DETUNED  # leading modes whose frequencies may be off
     data: np.ndarray = field(init=False)  # (K, d)
     times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
 
@@ -237,7 +238,7 @@ class Tail:
             observed_hz, decay_per_s: of the leading oscillation.
         """
         beta = max(2 * decay_per_s, 0.0) / (2 * np.pi * observed_hz) ** 2
-        still = np.zeros(DETUNED)
+        still = np.zeros(self.detuned)
         damping = Damping(0.0, min(beta, 0.5 * MOST_STIFFNESS_DAMPING))
         starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]

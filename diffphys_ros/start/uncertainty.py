@@ -25,7 +25,7 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     parts = len(physics.young)
     excess = excess_of(tail, physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
-    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[-len(detune) :]) * np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
+    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :]) * np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
@@ -38,7 +38,7 @@ def inconsistency(detune: np.ndarray, variance: np.ndarray) -> float:
     """By how much the log frequencies are off, over the standard deviation that is allowed for; at least 1. `detune` (k,) and its posterior variance
     (k,) are in units of the prior's, of which this is one step of expectation maximisation. Where what is fitted contradicts itself, all that
     follows from it is as much less sure (Birge 1932)."""
-    return float(np.sqrt(max((detune**2 + variance).mean(), 1.0)))
+    return float(np.sqrt(max((detune**2 + variance).mean(), 1.0))) if len(detune) else 1.0
 
 
 @dataclass(frozen=True)

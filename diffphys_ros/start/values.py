@@ -13,6 +13,7 @@ from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
+from ..vibration.thinning import find_slow_support
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
@@ -105,7 +106,8 @@ def joint_values(
 def supported(evidence: Evidence) -> Support:
     """Frames that may carry a force: all of them where no free tail is seen."""
     motion = evidence.motion
-    support = find_support(motion.coordinates, motion.known, evidence.period_s, at_rest=evidence.at_rest, noise_m=motion.noise_m)
+    find = find_support if evidence.tracks.normals is None else find_slow_support
+    support = find(motion.coordinates, motion.known, evidence.period_s, at_rest=evidence.at_rest, noise_m=motion.noise_m)
     return support if support.has_free_tail and evidence.moves else everywhere(support)
 
 

@@ -2,5 +2,6 @@
 
 from .background import CameraMotion, camera_motion
 from .follow import follow, follow_on
+from .tripod import OnTripod, on_tripod
 
-__all__ = ["CameraMotion", "camera_motion", "follow", "follow_on"]
+__all__ = ["CameraMotion", "OnTripod", "camera_motion", "follow", "follow_on", "on_tripod"]

@@ -11,28 +11,36 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..types import Clip, Tracks
+from ..steady import (
+    CORRELATED,
+    LEAST_COVERED,
+    LEAST_NOISE,
+    LEAST_TILES,
+    ROUNDS,
+    SMOOTHINGS_PX,
+    TILE_PX,
+    WIDEST_PX,
+    Layer,
+    answers,
+    blurred,
+    scaled,
+    shifted_by,
+    telling,
+    votes,
+)
+from ..types import Camera, Clip, Tracks
 
 LARGEST_STILL_PX = 0.15  # shift of a frame over frame 0 down to which a camera counts as still: what tracking a firm tripod scatters by
 NOISES = 1.0  # standard deviations of the tracks that it may be as well
 LEAST_MOVED = 2  # frames that must be shifted: one may be a torn picture
-TILE_PX = 24  # side of a tile
 MARGIN_PX = 7  # around the object that is left out: its edge, its blur
-LEAST_COVERED = 0.6  # share of a tile that must be background in both frames
-LEAST_TILES = 4  # that must tell of a shift
 MOST_STILL = 0.25  # tiles that stand still over tiles that shift, at the most: else something moves before a still camera
 LEAST_SPREAD = 0.4  # of the picture's width or height that the shifted tiles must span
-LEAST_NOISE = 0.4  # grey levels: rounding to whole levels
-CORRELATED = 12.0  # pixels that share their noise after smoothing by the last of SMOOTHINGS_PX: 4 pi s^2
 SURELY = 4.0  # standard deviations by which a tile must tell the bound from nought
 CLEARLY = 0.5  # share of the one misfit below which the other must lie for a vote
-SMOOTHINGS_PX = (6.0, 2.0, 1.0)  # from coarse to fine: shifts up to several times the first are found
-ROUNDS = 3  # of Gauss-Newton at each
-WIDEST_PX = 480  # pictures are looked at no larger
 MOST_FRAMES = 36  # nor more of them
 LEAST_TRIPLES, ALONG = 8, 0.5  # triples of frames that tell of jolts, and the share of the camera's that the object must show
 QUIET, QUIETER = 0.1, 0.7  # share of the tracks that move least; and how much less they must move against the background than in the picture
-OUTSIDE = -1e4  # grey level that stands for what lies outside the picture
 GONE = 0.4  # of the picture's width: a longer shift is none
 
 
@@ -66,94 +74,49 @@ def camera_motion(clip: Clip, tracks: Tracks) -> CameraMotion | None:
     if not len(received) or received[0] != 0:
         return None
     chosen = np.unique(received[np.linspace(0, len(received) - 1, min(MOST_FRAMES, len(received))).astype(int)])
-    grey = [_scaled(cv2.cvtColor(clip.frames[k], cv2.COLOR_RGB2GRAY), scale).astype(np.float32) for k in chosen]
+    grey = [scaled(cv2.cvtColor(clip.frames[k], cv2.COLOR_RGB2GRAY), scale).astype(np.float32) for k in chosen]
     free = [_free(clip.labels[k], scale) for k in chosen]
-    first = [_Layer.of(grey[0], s) for s in SMOOTHINGS_PX]
+    first = [Layer.of(grey[0], s) for s in SMOOTHINGS_PX]
     shift, found = np.zeros(2), []
     for k, image, ground in zip(chosen[1:], grey[1:], free[1:], strict=True):
-        layers = [_blurred(image, s) for s in SMOOTHINGS_PX]
+        layers = [blurred(image, s) for s in SMOOTHINGS_PX]
         shift = _laid_over(first, layers, free[0] & ground, shift)
         if np.linalg.norm(shift) > bound and _agreed(first[-1], layers[-1], free[0] & ground, shift, bound=bound):
             found.append((k, shift / scale))
         elif not np.linalg.norm(shift) < GONE * image.shape[1]:
             shift = np.zeros(2)
     motion = CameraMotion(np.array([k for k, _ in found], int), np.array([s for _, s in found]).reshape(-1, 2))
-    return motion if len(found) >= LEAST_MOVED and _seen_by(tracks, motion) else None
+    return motion if len(found) >= LEAST_MOVED and _seen_by(tracks, motion, clip.camera) else None
 
 
-@dataclass(frozen=True)
-class _Layer:
-    """A smoothed picture and its slopes."""
-
-    image: np.ndarray  # float32, (H, W)
-    slope: tuple[np.ndarray, np.ndarray]  # along x and y [1/px], (H, W) each
-
-    @classmethod
-    def of(cls, grey: np.ndarray, smoothing_px: float) -> _Layer:
-        image = _blurred(grey, smoothing_px)
-        down, across = np.gradient(image)
-        return cls(image, (across, down))
-
-
-def _blurred(grey: np.ndarray, smoothing_px: float) -> np.ndarray:
-    return np.asarray(cv2.GaussianBlur(grey, (0, 0), smoothing_px))
-
-
-def _scaled(image: np.ndarray, scale: float) -> np.ndarray:
-    return image if scale == 1.0 else np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+def background(labels: np.ndarray) -> np.ndarray:
+    """What a label image (H, W) calls background, without a margin around all else, bool (H, W)."""
+    return cv2.dilate((labels != 0).astype(np.uint8), np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)) == 0
 
 
 def _free(labels: np.ndarray, scale: float) -> np.ndarray:
-    """Background with a margin around all else, bool (H, W)."""
-    taken = cv2.dilate((labels != 0).astype(np.uint8), np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8))
-    return _scaled((1 - taken).astype(np.float32), scale) > 0.99
+    return scaled(background(labels).astype(np.float32), scale) > 0.99
 
 
-def _tiles(images: list[np.ndarray]) -> np.ndarray:
-    """Sums (N, c) over whole tiles of c images (H, W)."""
-    rows, columns = (n // TILE_PX for n in images[0].shape)
-    cut = [np.ascontiguousarray(image[: rows * TILE_PX, : columns * TILE_PX], np.float32) for image in images]
-    means = [cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA) for image in cut]
-    return TILE_PX**2 * np.stack(means, -1).reshape(rows * columns, -1).astype(float)
-
-
-def _answers(first: _Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of every tile, its mean taken off: squared misfit (N,) at a shift, normal matrix (N, 2, 2) and right side (N, 2) of the step from
-    there, and the pixels that count (N,)."""
-    to = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
-    moved = cv2.warpAffine(image, to, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=OUTSIDE)
-    use = (free & (moved >= 0)).astype(np.float32)
-    x, y, error = (use * values for values in (first.slope[0], first.slope[1], moved - first.image))
-    sums = _tiles([use, x, y, error, x * x, x * y, y * y, x * error, y * error, error * error])
-    count, mean = sums[:, 0], sums[:, 1:4]
-    pairs = np.zeros((len(count), 3, 3))
-    pairs[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)] = sums[:, 4:]
-    pairs[:, 1, 0] = pairs[:, 0, 1]
-    pairs -= mean[:, :, None] * mean[:, None, :] / np.maximum(count, 1)[:, None, None]
-    return pairs[:, 2, 2], pairs[:, :2, :2], -pairs[:, :2, 2], count
-
-
-def _laid_over(first: list[_Layer], layers: list[np.ndarray], free: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _laid_over(first: list[Layer], layers: list[np.ndarray], free: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Shift (2,) at which a frame lies best over frame 0 for most tiles, every tile one vote whatever its contrast."""
     for layer, image in zip(first, layers, strict=True):
         for _ in range(ROUNDS):
-            misfit, normal, right, count = _answers(layer, image, free, shift)
-            contrast = np.trace(normal, axis1=1, axis2=2)
-            use = (count > LEAST_COVERED * TILE_PX**2) & (contrast > LEAST_NOISE**2 * count / CORRELATED)
+            misfit, normal, right, count = answers(layer, image, free, shifted_by(shift))
+            use = telling(normal, count)
             if use.sum() < LEAST_TILES:
                 break
-            off = misfit[use] / contrast[use]  # [px^2]
-            weight = 1 / (contrast[use] * (1 + off / max(float(np.median(off)), 1e-12)))
+            weight = votes(misfit[use], normal[use])
             matrix = np.einsum("n,nij->ij", weight, normal[use])
             step = np.linalg.solve(matrix + 1e-6 * (np.trace(matrix) + 1e-12) * np.eye(2), weight @ right[use])
             shift = shift + step * min(1.0, TILE_PX / max(float(np.linalg.norm(step)), 1e-12))
     return shift
 
 
-def _agreed(first: _Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarray, *, bound: float) -> bool:
+def _agreed(first: Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarray, *, bound: float) -> bool:
     """Whether the tiles that can tell say that everything is shifted, and lie all over the picture."""
-    misfit, normal, _, count = _answers(first, image, free, shift)
-    still = _answers(first, image, free, np.zeros(2))[0]
+    misfit, normal, _, count = answers(first, image, free, shifted_by(shift))
+    still = answers(first, image, free, shifted_by(np.zeros(2)))[0]
     covered = count > LEAST_COVERED * TILE_PX**2
     if not covered.any():
         return False
@@ -170,16 +133,25 @@ def _agreed(first: _Layer, image: np.ndarray, free: np.ndarray, shift: np.ndarra
     return bool(max((np.ptp(u) + 1) / columns, (np.ptp(v) + 1) / rows) >= LEAST_SPREAD)
 
 
-def _seen_by(tracks: Tracks, motion: CameraMotion) -> bool:
+def _seen_by(tracks: Tracks, motion: CameraMotion, camera: Camera) -> bool:
     """Whether the object goes with the background: a camera moves both, a shadow or a branch one. Its quietest points must move less against
-    the background than in the picture, or all of it must show the camera's jolts."""
+    the background than in the picture, or all of it must show the camera's jolts. Of points that are seen along normals alone, so is the camera."""
     moved = np.where(tracks.valid[..., None], tracks.pixels - tracks.pixels[:1], np.nan)[motion.frames]
     holding = tracks.valid[motion.frames].any(0)
     if not holding.any():
         return True
     moved = moved[:, holding]
-    in_picture, on_ground = (np.sqrt(np.nanmean((m**2).sum(-1), axis=0)) for m in (moved, moved - motion.shift_px[:, None]))
+    in_picture, on_ground = (np.sqrt(np.nanmean((m**2).sum(-1), axis=0)) for m in (moved, moved - _along(motion.shift_px[:, None], tracks, camera)[:, holding]))
     return bool(np.quantile(on_ground, QUIET) < QUIETER * np.quantile(in_picture, QUIET)) or _jolted(moved, motion)
+
+
+def _along(shift_px: np.ndarray, tracks: Tracks, camera: Camera) -> np.ndarray:
+    """What points show of shifts (F, 1, 2) [px], (F, M, 2): all, or the component along their normals."""
+    if tracks.normals is None:
+        return np.broadcast_to(shift_px, (len(shift_px), tracks.pixels.shape[1], 2))
+    normal = tracks.normals @ camera.world_from_camera[:3, :2]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    return np.asarray((shift_px * normal).sum(-1, keepdims=True) * normal)
 
 
 def _jolted(moved: np.ndarray, motion: CameraMotion) -> bool:

@@ -4,7 +4,7 @@ Frames of reference: `world` is the root of the camera's transform tree (z up wh
 optical frame (x right, y down, z forward; REP-103), `body` the object's own frame (see Body). `a_from_b` maps
 coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
 
-Reading order: poses, camera, labels, clip, tracks, body, particles, prior, splats, start, initial_value, recovery.
+Reading order: poses, camera, labels, clip, tracks, outline, body, particles, prior, splats, start, initial_value, recovery.
 """
 
 from .body import Body, Front
@@ -12,6 +12,7 @@ from .camera import Camera
 from .clip import Clip, Doubt, Thickness
 from .initial_value import PROBLEMS, ModalProblem, MpmProblem
 from .labels import IGNORE, object_mask
+from .outline import Hanging, Swing
 from .particles import Grid, Particles
 from .poses import transformed
 from .prior import MaterialPrior
@@ -29,6 +30,7 @@ __all__ = [
     "Doubt",
     "Front",
     "Grid",
+    "Hanging",
     "MaterialDoubt",
     "MaterialPrior",
     "ModalProblem",
@@ -37,6 +39,7 @@ __all__ = [
     "Recovery",
     "Splats",
     "StartValues",
+    "Swing",
     "Thickness",
     "Tracks",
     "object_mask",

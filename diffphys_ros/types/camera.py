@@ -17,6 +17,7 @@ class Camera:
     height: int  # px
     frame_id: str = "camera_optical_frame"  # name of the camera frame
     world_frame_id: str = ""  # name of the world frame; equal to frame_id where no transform is known
+    lens_told: bool = True  # whether the intrinsic matrix was measured or told; false: assumed
 
     @property
     def focal_px(self) -> float:

@@ -48,6 +48,12 @@ class Clip:
         """Which frames were really received, bool, shape (T,)."""
         return np.ones(len(self), bool) if self.observed is None else self.observed
 
+    def part(self, first: int, end: int) -> Clip:
+        """Its frames from `first` to the one before `end`; frame 0 is then the former `first`, for which no `first_labels` are known."""
+        cut = {name: None if (value := getattr(self, name)) is None else value[first:end] for name in ("frames", "depth", "labels", "observed")}
+        start_ns = self.start_ns + round(first * self.period_s * 1e9)
+        return replace(self, **cut, start_ns=start_ns, first_labels=self.first_labels if first == 0 else None)  # type: ignore[arg-type]
+
     def with_labels(self, labels: np.ndarray) -> Clip:
         """The same clip with label images (T, H, W)."""
         return replace(self, labels=labels)

@@ -39,7 +39,7 @@ class Motion:
     points: np.ndarray  # body frame at frame 0 [m], (M, 3)
     coordinates: np.ndarray  # [m], (T, n)
     shapes: np.ndarray  # (M, 3, n); without depth across the line of sight
-    across: np.ndarray | None  # projectors across the line of sight, (M, 3, 3); None with depth
+    across: np.ndarray | None  # projectors across the line of sight, or onto the normals of an outline, (M, 3, 3); None with depth
     known: np.ndarray  # frames in which anything was seen, bool, (T,)
     noise_m: float  # of one coordinate of one track [m]
     displacement: np.ndarray  # as tracked, 0 where not valid [m], (T, M, 3)
@@ -102,7 +102,7 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     axis stands in for it."""
     points = body.to_body(tracks.points)
     displacement = np.where(tracks.valid[..., None], points - points[:1], 0.0)
-    across = None if tracks.has_depth else _across(points[0], None if camera is None else body.to_body(camera.position))
+    across = _along_normals(body, tracks.normals) if tracks.normals is not None else None if tracks.has_depth else _across(points[0], None if camera is None else body.to_body(camera.position))
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     known = tracks.valid.mean(1) > LEAST_POINTS
@@ -133,6 +133,12 @@ def _across(points: np.ndarray, eye: np.ndarray | None) -> np.ndarray:
     sight = np.array([0.0, 0.0, 1.0]) * np.ones_like(points) if eye is None else points - eye
     sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
     return np.eye(3) - sight[:, :, None] * sight[:, None, :]
+
+
+def _along_normals(body: Body, normals: np.ndarray) -> np.ndarray:
+    """Projectors (M, 3, 3) onto the normals (M, 3), world, of an outline."""
+    own = normals @ body.world_from_body[:3, :3]
+    return own[:, :, None] * own[:, None, :]
 
 
 def _principal(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:

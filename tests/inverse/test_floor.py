@@ -11,10 +11,10 @@ from diffphys_ros.inverse import solve
 from diffphys_ros.inverse.floor import floor_planes
 from diffphys_ros.particles import fill
 
-from .conftest import make_body, make_tracks
+from .conftest import make_body, make_camera, make_tracks
 from .test_solve import drive
 
-DX = 0.03
+DX, CAMERA = 0.03, make_camera()
 
 
 def scene(floor_z_m):
@@ -26,7 +26,7 @@ def test_points_at_the_floors_height_lie_on_its_plane_in_the_body_frame():
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn * np.linalg.det(turn), (0.1, -0.3, 0.7)
     body = dataclasses.replace(make_body(), world_from_body=pose)
-    (plane,) = floor_planes(body, fill(body, DX, 1.5), scene(0.2), dx=DX)
+    (plane,) = floor_planes(body, fill(body, DX, 1.5), scene(0.2), CAMERA, dx=DX)
     on_floor = np.random.default_rng(1).normal(size=(5, 3))
     on_floor[:, 2] = 0.2
     np.testing.assert_allclose(body.to_body(on_floor) @ plane.normal, plane.offset_m, atol=1e-12)
@@ -37,9 +37,30 @@ def test_points_at_the_floors_height_lie_on_its_plane_in_the_body_frame():
 def test_no_floor_is_assumed_and_one_inside_the_object_is_refused():
     body = make_body()
     particles = fill(body, DX, 1.5)
-    assert floor_planes(body, particles, build({}).scene, dx=DX) == ()
+    assert floor_planes(body, particles, build({}).scene, CAMERA, dx=DX) == ()
     with pytest.raises(InputError, match=r"scene.floor_z_m 0 m: the object reaches 0.0\d+ m below it"):
-        floor_planes(body, particles, scene(0.0), dx=DX)
+        floor_planes(body, particles, scene(0.0), CAMERA, dx=DX)
+
+
+def test_a_floor_drawn_in_the_picture_is_the_one_told_in_metres():
+    """Seen along y by a camera whose picture is tilted: the line of the floor is drawn where the plane z = -0.07 m is seen at the body."""
+    roll = np.deg2rad(20.0)
+    camera = dataclasses.replace(make_camera(), world_from_camera=np.eye(4), width=640, height=480)
+    camera.world_from_camera[:3, :3] = np.stack([[np.cos(roll), 0, np.sin(roll)], [np.sin(roll), 0, -np.cos(roll)], [0, 1, 0]], -1)
+    camera.world_from_camera[:3, 3] = (0.15, -1.0, 0.0)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([[1, 0, 0], [0, 0, 1], [0, -1, 0]], -1)  # x along the bar, z towards the camera
+    body = dataclasses.replace(make_body(), world_from_body=pose)
+    particles = fill(body, DX, 1.5)
+    line = camera.project(np.array([[0.0, 0.0, -0.07], [0.2, 0.0, -0.07]]))[0].ravel().tolist()
+    (told,) = floor_planes(body, particles, scene(-0.07), camera, dx=DX)
+    (drawn,) = floor_planes(body, particles, build({"scene.floor_px": line, "scene.floor_friction": 0.3}).scene, camera, dx=DX)
+    np.testing.assert_allclose(drawn.normal, told.normal, atol=1e-9)
+    assert drawn.offset_m == pytest.approx(told.offset_m)
+    assert drawn.friction == told.friction
+    through = camera.project(np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]]))[0].ravel().tolist()
+    with pytest.raises(InputError, match=r"scene.floor_px .*: the object reaches 0.0\d+ m below it"):
+        floor_planes(body, particles, build({"scene.floor_px": through}).scene, camera, dx=DX)
 
 
 def test_a_fit_does_not_follow_tracks_through_a_floor(prepared):

@@ -1,0 +1,53 @@
+"""Where an object leaves the picture and stays: it is held there, as far as the picture shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..config import Scene
+from ..types import Clip, object_mask
+
+BAND = 1 / 60  # of the picture's shorter side, beside its edge, in which masks are no surer than that
+LEAST_RUN_PX = 8  # along the edge, on which it leaves
+STAYS = 0.8  # of the place where it leaves in frame 0, shared with that of another frame
+MOST_FRAMES = 0.9  # of those that were received, in which it must
+EDGES = ("upper", "lower", "left", "right")
+
+
+def with_edge(clip: Clip, scene: Scene) -> tuple[Scene, str]:
+    """The scene with a line along the picture's edge as its clamp where nobody tells one and the object leaves the picture there, all the
+    time; and what was seen, one clause. With a depth topic the object stays free: what its rest is measured by may tell otherwise."""
+    if scene.clamp_box_m is not None or scene.clamp_px is not None:
+        return scene, ""
+    found = leaving(clip)
+    if found is None:
+        return scene, ""
+    edge, line = found
+    seen = f"the object leaves the picture at its {edge} edge, from {line[:2]} to {line[2:]} px, and stays there"
+    if clip.depth is not None:
+        return scene, f"taken as free, though {seen}; set scene.clamp_px where it is held"
+    return replace(scene, clamp_px=line), f"not told: {seen}, where it is taken to be held; set scene.clamp_px where that is wrong"
+
+
+def leaving(clip: Clip) -> tuple[str, list[float]] | None:
+    """The edge at which the object leaves the picture in frame 0 and as good as all others, and the line u v u v [px] on it; None for none or
+    several."""
+    assert clip.labels is not None
+    solid = object_mask(clip.labels[clip.seen])
+    height, width = solid.shape[1:]
+    band = max(2, round(BAND * min(height, width))) + 1
+    sides = (solid[:, :band], 1), (solid[:, -band:], 1), (solid[:, :, :band], 2), (solid[:, :, -band:], 2)
+    beside = [np.asarray(side.any(across)) for side, across in sides]
+    at = [k for k, runs in enumerate(beside) if runs[0].sum() >= LEAST_RUN_PX]
+    if len(at) != 1:
+        return None
+    runs = beside[at[0]]
+    shared = (runs & runs[0]).sum(1) / np.maximum((runs | runs[0]).sum(1), 1)
+    if (shared >= STAYS).mean() < MOST_FRAMES:
+        return None
+    first, last = (float(i) for i in np.flatnonzero(runs[0])[[0, -1]])
+    right, low = float(width - 1), float(height - 1)
+    line = [[first, 0.0, last, 0.0], [first, low, last, low], [0.0, first, 0.0, last], [right, first, right, last]][at[0]]
+    return EDGES[at[0]], line

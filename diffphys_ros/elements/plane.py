@@ -1,0 +1,173 @@
+"""A flat solid that moves far in its own plane: quadratic triangles in plane stress, St Venant-Kirchhoff, large rotations (total Lagrangian).
+
+Everything is per unit of depth and density, so that stiffness is E / density [m^2/s^2] and loads are accelerations. Displacements u (2 N,) count
+from the shape without load, node by node: x, y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ..types import Body
+from .mesh import element_size, triangulate
+
+COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 %
+MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length
+SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 %
+_CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
+EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic shape functions (Q, 6) and their slopes (Q, 2, 6) at local coordinates (Q, 2); corners, then middles of EDGES."""
+    r, s = at.T
+    t = 1 - r - s
+    nought = np.zeros_like(r)
+    value = np.stack([t * (2 * t - 1), r * (2 * r - 1), s * (2 * s - 1), 4 * t * r, 4 * r * s, 4 * s * t], 1)
+    by_r = np.stack([1 - 4 * t, 4 * r - 1, nought, 4 * (t - r), 4 * s, -4 * s], 1)
+    by_s = np.stack([1 - 4 * t, nought, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)], 1)
+    return value, np.stack([by_r, by_s], 1)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The mesh and what of it never changes."""
+
+    nodes: np.ndarray  # without load [m], (N, 2)
+    triangles: np.ndarray  # (E, 6)
+    held: np.ndarray  # nodes, bool (N,)
+    poisson: float
+
+    @classmethod
+    def of(cls, body: Body) -> Plane:
+        """Of a body's silhouette, as deep everywhere; held at x = 0 where the body is clamped."""
+        points, corners = triangulate(body, COARSER * element_size(body))
+        first, second = points[corners[:, 1]] - points[corners[:, 0]], points[corners[:, 2]] - points[corners[:, 0]]
+        flip = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0
+        corners = np.where(flip[:, None], corners[:, [0, 2, 1]], corners)
+        pairs = np.sort(np.concatenate([corners[:, list(edge)] for edge in EDGES]), 1)
+        unique, number = np.unique(pairs, axis=0, return_inverse=True)
+        middles = len(points) + number.reshape(3, -1).T
+        nodes = np.concatenate([points, points[unique].mean(1)])
+        held = (np.abs(nodes[:, 0]) < 1e-9) & body.clamped
+        return cls(nodes, np.concatenate([corners, middles], 1), held, float(body.poisson.mean()))
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Degrees of freedom that are not held."""
+        return np.flatnonzero(np.repeat(~self.held, 2))
+
+    @cached_property
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes (E, Q, 2, 6) [1/m] of the shape functions and areas (E, Q) [m^2] at the points of the rule."""
+        _, local = _shapes(_CORNER)
+        jacobian = np.einsum("qkn,end->eqkd", local, self.nodes[self.triangles])
+        area = np.abs(np.linalg.det(jacobian)) / 6
+        return np.linalg.inv(jacobian) @ local, area
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Degrees of freedom (E, 12) of the elements, and rows and columns of their matrices."""
+        own = (2 * self.triangles[..., None] + np.arange(2)).reshape(len(self.triangles), 12)
+        return own, np.repeat(own, 12, 1).ravel(), np.tile(own, (1, 12)).ravel()
+
+    def _matrix(self, local: np.ndarray) -> sp.csc_matrix:
+        _, rows, columns = self._places
+        return sp.csc_matrix((local.ravel(), (rows, columns)), (2 * len(self.nodes),) * 2)
+
+    @cached_property
+    def mass(self) -> sp.csc_matrix:
+        """Per unit of depth and density [m^2]."""
+        barycentric = np.array([[a, b, 1 - a - b] for a, b in ((0.0915762, 0.0915762), (0.8168476, 0.0915762), (0.0915762, 0.8168476), (0.4459485, 0.4459485), (0.1081030, 0.4459485), (0.4459485, 0.1081030))])
+        weight = np.array([0.1099517] * 3 + [0.2233816] * 3)  # Dunavant's rule of degree 4
+        value, _ = _shapes(barycentric[:, 1:])
+        one = np.einsum("q,qn,qm->nm", weight, value, value)
+        local = np.zeros((len(self.triangles), 6, 2, 6, 2))
+        local[:, :, 0, :, 0] = local[:, :, 1, :, 1] = self._slopes[1].sum(1)[:, None, None] * one
+        return self._matrix(local.reshape(-1, 12, 12))
+
+    def inner(self, u: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:
+        """Elastic forces (2 N,) and their tangent for E / density = 1 m^2/s^2."""
+        slope, area = self._slopes
+        own = self._places[0]
+        strained = np.eye(2) + np.einsum("eni,eqdn->eqid", u.reshape(-1, 2)[self.triangles], slope)
+        green = 0.5 * (np.swapaxes(strained, -1, -2) @ strained - np.eye(2))
+        mu, lam = 0.5 / (1 + self.poisson), self.poisson / (1 - self.poisson**2)  # plane stress
+        stress = 2 * mu * green + lam * np.trace(green, axis1=-2, axis2=-1)[..., None, None] * np.eye(2)
+        forces = np.einsum("eq,eqid,eqdn->eni", area, strained @ stress, slope)
+        law = lam * np.einsum("ij,kl->ijkl", np.eye(2), np.eye(2)) + mu * (np.einsum("ik,jl->ijkl", np.eye(2), np.eye(2)) + np.einsum("il,jk->ijkl", np.eye(2), np.eye(2)))
+        tangent = np.einsum("eqia,abcd,eqjc->eqibjd", strained, law, strained, optimize=True)
+        tangent += np.eye(2)[:, None, :, None] * stress[:, :, None, :, None, :]
+        local = np.einsum("eq,eqbn,eqibjd,eqdm->enimj", area, slope, tangent, slope, optimize=True)
+        return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), self._matrix(local.reshape(-1, 12, 12))
+
+    def weight(self, gravity: np.ndarray) -> np.ndarray:
+        """Load (2 N,) of an acceleration (2,) [m/s^2]."""
+        return self.mass @ np.tile(gravity, len(self.nodes))
+
+    def balanced(self, specific: float, load: np.ndarray, start: np.ndarray, springs: sp.csc_matrix | None = None, pull: np.ndarray | None = None) -> np.ndarray:
+        """Displacements (2 N,) in equilibrium at E / density [m^2/s^2], from a start; springs are a stiffness and the load that they pull with."""
+        u, free = start.copy(), self.free
+        for _ in range(MOST_NEWTON):
+            forces, tangent = self.inner(u)
+            residual, matrix = load - specific * forces, specific * tangent
+            if springs is not None and pull is not None:
+                residual, matrix = residual + pull - springs @ u, matrix + springs
+            step = splu(matrix[free][:, free].tocsc()).solve(residual[free])
+            u[free] += step
+            if np.abs(step).max() < CLOSE_M:
+                break
+        return u
+
+    def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, step_s: float, steps: int) -> np.ndarray:
+        """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass."""
+        free, mass = self.free, self.mass[self.free][:, self.free].tocsc()
+        late = SPECTRAL_RADIUS / (1 + SPECTRAL_RADIUS)  # share of the step's begin in elastic forces and drag
+        early = (2 * SPECTRAL_RADIUS - 1) / (1 + SPECTRAL_RADIUS)
+        gamma, beta = 0.5 - early + late, 0.25 * (1 - early + late) ** 2
+        u, v = u.copy(), v[free].copy()
+        a = np.zeros(len(free))  # what a pose that was seen has of unbalanced forces is noise of the fastest motions, which die at once
+        out = [u.copy()]
+        for _ in range(steps):
+            u0, v0, a0 = u[free].copy(), v.copy(), a.copy()
+            new = u0 + step_s * v0
+            between = u.copy()
+            for _ in range(MOST_NEWTON):
+                a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
+                v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
+                between[free] = (1 - late) * new + late * u0
+                forces, tangent = self.inner(between)
+                speed = (1 - late) * v + late * v0
+                residual = (load - specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - drag_per_s * (mass @ speed)
+                scale = (1 - early) / (beta * step_s**2) + (1 - late) * drag_per_s * gamma / (beta * step_s)
+                change = splu((scale * mass + (1 - late) * specific * tangent[free][:, free]).tocsc()).solve(residual)
+                new = new + change
+                if np.abs(change).max() < CLOSE_M:
+                    break
+            u[free] = new
+            a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
+            v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
+            out.append(u.copy())
+        return np.array(out)
+
+    @cached_property
+    def border(self) -> np.ndarray:
+        """Nodes (B, 3) of the sides that no other triangle shares: begin, middle, end, the solid on the left."""
+        pairs = np.concatenate([self.triangles[:, [i, 3 + k, j]] for k, (i, j) in enumerate(EDGES)])
+        _, number, count = np.unique(np.sort(pairs[:, [0, 2]], 1), axis=0, return_inverse=True, return_counts=True)
+        own = pairs[count[number.ravel()] == 1]
+        return own[~self.held[own].all(1)]
+
+    def frequency(self, specific: float, load: np.ndarray) -> float:
+        """Of the slowest small motion about rest under a load [Hz]."""
+        from scipy.sparse.linalg import eigsh
+
+        rest = self.balanced(specific, load, np.zeros(2 * len(self.nodes)))
+        matrix = (specific * self.inner(rest)[1])[self.free][:, self.free].tocsc()
+        square = eigsh(matrix, 1, self.mass[self.free][:, self.free].tocsc(), sigma=0.0, v0=np.ones(len(self.free)), return_eigenvectors=False)
+        return float(np.sqrt(square[0]) / (2 * np.pi))

@@ -1,0 +1,249 @@
+"""A clip of an object without texture, prepared by its outline: its calm frames, how it hangs in its picture, and at what scale.
+
+Where the clamp lies beyond the picture, its place is found together with the scale: of several bodies, each continued straight to a clamp
+further out and as long as it is told to be, the one is taken whose leading mode has the shape that the outline shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..config import Settings
+from ..errors import InputError
+from ..picture import length_at_unit_depth
+from ..progress import Progress
+from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mask
+
+if TYPE_CHECKING:
+    from ..depth import DepthSource
+    from ..outline import Calm
+    from ..start.hang import Hung
+    from ..tracks import CameraMotion
+
+FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree
+ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, where nothing tells a length
+AT_BORDER_PX = 3.0  # from the picture's border within which a clamp's line says that the clamp lies beyond it
+BEHIND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)  # places of the clamp behind its line that are tried, over the object's length in the picture
+INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it
+LINE_PX = 1.0  # standard deviation of a line that a person draws
+EDGE_PX = 0.5  # of an end face
+DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03
+
+
+@dataclass(frozen=True)
+class Outlined:
+    """What the outline makes of a clip."""
+
+    clip: Clip  # its calm frames, with labels; frame 0 is the one nearest to rest
+    depth0: np.ndarray  # [m], (H, W)
+    source: DepthSource
+    tracks: Tracks
+    body: Body
+    settings: Settings  # with what was assumed of the scene
+    hanging: Hanging
+    whole: Clip  # all frames, with labels; as they were filmed
+    moved: CameraMotion | None = None  # how the camera did, as far as that was not taken off
+
+
+def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlined | None]:
+    """The clip seen by its outline; None where points on the object are to be followed. Raises InputError where an outline is asked for that
+    tells nothing."""
+    chosen = yield from _calm(clip, settings)
+    if chosen is None:
+        return None
+    whole, calm = chosen
+    first, end, count, periods = calm.rest, calm.end, len(whole), calm.periods
+    note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
+    clip = whole.part(first, end)
+    clip = replace(clip, notes=(*clip.notes, note))
+    settings = _with_clamp(clip, settings)
+    clip = replace(clip, camera=_camera(clip.camera))
+    hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
+    yield Progress("tracks", text=f"too little texture for points: the outline is followed through frames {first}..{end - 1} of {count}, {periods:.1f} periods about rest")
+    clip, moved = _steady(clip, settings)
+    trials = _Trials(clip, settings)
+    places = trials.places()
+    misfits: list[Hung] = []
+    for behind in places:
+        misfits.append(trials.hung(behind))
+        yield Progress("body", text=f"clamp {behind:.0f} px behind its line: E {misfits[-1].young:.4g} Pa, shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
+    behind, sd, bend = _best(places, misfits)
+    z, tracks, body, settings = trials.at(behind)
+    px_per_m = clip.camera.focal_px / z
+    log_sd = math.hypot(bend * sd, 0.0 if trials.depth_told else DEPTH_SD)
+    length_px = trials.end_px + behind
+    hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * math.hypot(sd, EDGE_PX) / length_px, log10_young_sd=log_sd)
+    from ..depth import DepthSource
+
+    source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
+    body = replace(body, sources=body.sources | trials.words(hanging))
+    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, moved)
+
+
+def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, Calm] | None]:
+    """The clip, labelled, and its calm frames."""
+    from ..outline import calm_part, has_texture
+    from ..segment import plain_labels
+
+    wanted = settings.tracks.evidence
+    if wanted == "points" or (wanted == "auto" and (clip.depth is not None or settings.scene.clamp_box_m is not None)):
+        return None
+    yield Progress("segment", text="whether the object is plain")
+    labels = plain_labels(clip)
+    if labels is None:
+        if wanted == "outline":
+            raise InputError(f"{clip.source or 'clip'}: nothing plain swings before the scene, so that there is no outline to follow; set tracks.evidence to points")
+        return None
+    name = clip.source or "clip"
+    try:
+        calm = calm_part(labels, clip.period_s, rest_frame=settings.scene.rest_frame, source=name)
+    except InputError:
+        if wanted == "outline" or settings.scene.rest_frame is not None:
+            raise
+        return None
+    labelled = clip.with_labels(labels)
+    if wanted == "auto" and has_texture(labelled, calm.rest, settings):
+        return None
+    return labelled, calm
+
+
+def _camera(camera: Camera) -> Camera:
+    """The camera, or where its lens was assumed one so far away that its rays are parallel."""
+    if camera.lens_told:
+        return camera
+    focal = camera.width / 2 / math.tan(math.radians(FAR_FOV_DEG) / 2)
+    matrix = camera.pixel_from_camera.copy()
+    matrix[0, 0] = matrix[1, 1] = focal
+    return replace(camera, pixel_from_camera=matrix)
+
+
+def _with_clamp(clip: Clip, settings: Settings) -> Settings:
+    """With the side of the picture through which the object leaves it as the clamp's line, where none is told."""
+    if settings.scene.clamp_px is not None:
+        return settings
+    assert clip.labels is not None
+    mask = object_mask(clip.labels[0])
+    height, width = mask.shape
+    right, low = width - 1.0, height - 1.0
+    sides = {"upper": (mask[0], [0.0, 0.0, right, 0.0]), "lower": (mask[-1], [0.0, low, right, low]), "left": (mask[:, 0], [0.0, 0.0, 0.0, low]), "right": (mask[:, -1], [right, 0.0, right, low])}
+    line = max(sides.values(), key=lambda side: int(side[0].sum()))
+    if not line[0].any():
+        return settings
+    return replace(settings, scene=replace(settings.scene, clamp_px=line[1]))
+
+
+def _steady(clip: Clip, settings: Settings) -> tuple[Clip, CameraMotion | None]:
+    """The clip without the motion of the hand that holds the camera, and what of that was not taken off."""
+    from ..outline import follow_outline
+    from ..tracks import on_tripod
+
+    depth0 = _Trials(clip, settings).depth(ASSUMED_DISTANCE_M)
+    held = on_tripod(clip, follow_outline(clip, depth0), lambda steady: follow_outline(steady, depth0))
+    return held.clip, held.moved
+
+
+class _Trials:
+    """Bodies that hang from clamps at several places."""
+
+    def __init__(self, clip: Clip, settings: Settings):
+        from ..outline import covered, end_of, rest_outline
+
+        self.clip, self.settings = clip, settings
+        assert clip.labels is not None
+        self.mask = object_mask(clip.labels[0])
+        self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
+        outline = rest_outline(clip)
+        self.soft = covered(outline, self.mask.shape)
+        self.end_px = end_of(outline, self.line) if self.line is not None else _extent(self.mask)
+        self.depth_told = settings.scene.thickness_m is not None
+
+    def places(self) -> list[float]:
+        """Of the clamp behind its line [px]; the line itself where the clamp is in the picture."""
+        if self.line is None or not self._at_border():
+            return [0.0]
+        return [share * self.end_px for share in BEHIND]
+
+    def _at_border(self) -> bool:
+        assert self.line is not None
+        last = np.array(self.mask.shape[::-1]) - 1.0
+        return bool(((self.line <= AT_BORDER_PX).all(0) | (self.line >= last - AT_BORDER_PX).all(0)).any())
+
+    def distance(self, behind: float) -> float:
+        """Of the object from the camera [m]."""
+        size, focal = self.settings.scene.size_m, self.clip.camera.focal_px
+        if size is not None and self.settings.scene.length_px is not None:
+            return size / length_at_unit_depth(self.clip.camera, self.settings.scene.length_px)
+        if size is not None:
+            return size * focal / (self.end_px + behind)
+        return ASSUMED_DISTANCE_M * focal / (self.clip.camera.width / 2 / math.tan(math.radians(25.0)))
+
+    def depth(self, z: float) -> np.ndarray:
+        """Of the object's surface [m], float32 (H, W)."""
+        return np.where(self.mask, z, 0.0).astype(np.float32)
+
+    def at(self, behind: float) -> tuple[float, Tracks, Body, Settings]:
+        """Distance, outline, body and settings for a clamp so far behind its line [px]."""
+        from ..body import build_body
+        from ..outline import follow_outline
+
+        z = self.distance(behind)
+        depth0, settings = self.depth(z), self.settings
+        if settings.scene.thickness_m is None:  # as deep as it is wide
+            wide_m = float(self.soft.sum()) / self.end_px * z / self.clip.camera.focal_px
+            settings = replace(settings, scene=replace(settings.scene, thickness_m=wide_m))
+        return z, follow_outline(self.clip, depth0), build_body(self.clip, depth0, settings, behind_px=behind, soft=self.soft), settings
+
+    def hung(self, behind: float) -> Hung:
+        """How well that body hangs."""
+        from ..start.hang import hung
+
+        _, tracks, body, settings = self.at(behind)
+        return hung(body, tracks, self.clip.period_s, settings, camera=self.clip.camera)
+
+    def scale_words(self, hanging: Hanging) -> str:
+        """What fixed the scale."""
+        if not hanging.length_told:
+            return "unknown: no length is told (scene.size_m), so that Young's modulus and force hold relative to the object's size alone"
+        place = f"{hanging.behind_px:.1f} +- {hanging.behind_px_sd:.1f} px behind the clamp's line"
+        return f"size_m {self.settings.scene.size_m:g} m from the held face, {place}, to the free end: {hanging.px_per_m / 1e3:.3g} px/mm"
+
+    def words(self, hanging: Hanging) -> dict[str, str]:
+        """Of the body's sources."""
+        told = "thickness_m" if self.depth_told else "not told: as deep as it is wide in the picture"
+        held = f"clamp_px; the held face lies {hanging.behind_px:.1f} +- {hanging.behind_px_sd:.1f} px behind this line" if self.line is not None else "none"
+        return {"metric_scale": self.scale_words(hanging), "thickness": told, "clamp": held}
+
+
+def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
+    """The place whose shape fits best by a parabola through the best three, its standard deviation [px], and by how much log10 E changes a pixel."""
+    if len(places) == 1:
+        return places[0], LINE_PX, 0.0
+    misfit = np.array([one.misfit for one in found])
+    k = int(np.clip(misfit.argmin(), 1, len(places) - 2))
+    x, y = np.array(places[k - 1 : k + 2]), misfit[k - 1 : k + 2]
+    a, b, c = np.polyfit(x, y, 2)
+    if a <= 0:
+        return places[int(misfit.argmin())], (places[-1] - places[0]) / 2, _slope(places, found)
+    best = float(np.clip(-b / (2 * a), places[0], places[-1]))
+    least = max(float(np.polyval([a, b, c], best)), 0.25 * float(misfit.min()))
+    return best, math.sqrt(least / INDEPENDENT / a), _slope(places, found)
+
+
+def _slope(places: list[float], found: list[Hung]) -> float:
+    return float(np.polyfit(places, np.log10([one.young for one in found]), 1)[0])
+
+
+def _extent(mask: np.ndarray) -> float:
+    return float(np.linalg.norm([np.ptp(np.flatnonzero(mask.any(axis))) + 1.0 for axis in (0, 1)]))
+
+
+def with_hanging(start: StartValues, hanging: Hanging) -> StartValues:
+    """Start values with what the clamp's place and the depth leave open of E, and said to be relative where no length is told."""
+    extra = hanging.log10_young_sd
+    reasons = start.reasons if hanging.length_told else tuple(f"{r.removesuffix('.')}; no length is told, so E holds relative to the object's size alone." for r in start.reasons)
+    return replace(start, log10_young_sd=np.hypot(start.log10_young_sd, extra), geometry_sd=np.hypot(start.geometry_sd, extra), reasons=reasons)

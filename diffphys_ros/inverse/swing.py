@@ -1,0 +1,183 @@
+"""The large swing before the calm part: where the body is in it, and whether the modulus of the calm part predicts it.
+
+The outline is followed by a flat body that bends as far as it must (elements.plane): springs along the normals of its own present outline pull it
+onto the edges of each picture, from a frame in which it passes rest to both sides in time. Pose and velocity of frame 0 are read from its first frames;
+let go from there, without any force but its weight, it must swing as the picture shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..types import Body, Clip, StartValues, Swing, object_mask
+
+if TYPE_CHECKING:
+    from ..elements.plane import Plane
+    from .outlined import Outlined
+
+SECONDS = 1.0  # that are predicted
+FIRST = 7  # frames that pose and velocity of the first are read from, by a parabola
+SPRING = 0.1  # of a point, over E / density: stiff enough to follow the edge, soft enough to even out its noise
+ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them
+REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it
+BORDER_PX = 4.0  # of the picture, within which no edge counts
+ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for
+LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count
+TUNINGS = 3  # of the modulus
+STEPS_A_PERIOD = 90.0  # of the integration, at the least
+LEAST_SWING_PX = 1.0  # of the tip: less is no large swing
+
+
+def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
+    """What the modulus of the calm part makes of the first second of the whole labelled clip; None where the body cannot be followed there."""
+    from ..elements.plane import Plane
+
+    body = seen.body
+    if not body.clamped:
+        return None
+    hz = float(start.observed_hz[0])
+    follower = _Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
+    count = min(len(whole), round(SECONDS / whole.period_s) + FIRST)
+    poses = follower.poses(count)
+    if poses is None:
+        return None
+    times = (np.arange(FIRST) - FIRST // 2) * whole.period_s
+    _, v, u = np.polyfit(times, poses[:FIRST], 2)
+    substeps = max(int(np.ceil(STEPS_A_PERIOD * hz * whole.period_s)), 1)
+    drag = start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2  # all of it as of the mass: of strain it would brake what turns
+    steps = (count - FIRST // 2 - 1) * substeps
+    predicted = follower.plane.march(follower.specific, follower.load, u, v, drag_per_s=float(drag), step_s=whole.period_s / substeps, steps=steps)[::substeps]
+    tip, told = follower.tip(predicted), follower.tip(poses[FIRST // 2 :])
+    motion = float(np.sqrt(((told - told.mean(0)) ** 2).sum(1).mean()))
+    error = float(np.sqrt(((tip - told) ** 2).sum(1).mean()))
+    if motion < LEAST_SWING_PX:
+        return None
+    return Swing(count - FIRST // 2, motion, error, error / motion)
+
+
+@dataclass(frozen=True)
+class _Follower:
+    """A flat body and the pictures that it is laid onto."""
+
+    plane: Plane  # without load
+    whole: Clip
+    load: np.ndarray
+    specific: float  # E / density [m^2/s^2]
+    rest: np.ndarray  # displacements under the weight
+    to_picture: np.ndarray  # (3, 2): of plane coordinates x, y, 1 [px]
+    level: np.ndarray  # grey level of the edge at each point, (P,)
+    contrast: np.ndarray  # (P,)
+    from_rest: int  # frame in which it passes rest
+
+    @classmethod
+    def of(cls, plane: Plane, whole: Clip, seen: Outlined, specific: float, body: Body) -> _Follower:
+        """Its levels are those of the calm part's first frame."""
+        from ..outline import edge_levels
+
+        load = plane.weight(body.gravity[:2])
+        sag = plane.balanced(specific, load, np.zeros(2 * len(plane.nodes)))
+        unloaded = type(plane)(plane.nodes - sag.reshape(-1, 2), plane.triangles, plane.held, plane.poisson)
+        load = unloaded.weight(body.gravity[:2])
+        rest = unloaded.balanced(specific, load, sag)
+        height = float(body.half_thickness[body.inside].max())
+        corners = np.array([[0.0, 0.0, height], [1.0, 0.0, height], [0.0, 1.0, height]])
+        pixels = seen.clip.camera.project(body.to_world(corners))[0]
+        to_picture = np.stack([pixels[1] - pixels[0], pixels[2] - pixels[0], pixels[0]])
+        begun = cls(unloaded, whole, load, specific, rest, to_picture, np.zeros(0), np.zeros(0), 0)
+        points, normals, _ = begun.edges(rest)
+        level, contrast = edge_levels(seen.clip.frames[0], points, normals)
+        return cls(unloaded, whole, load, specific, rest, to_picture, level, contrast, _passes_rest(whole, seen))
+
+    def tuned(self, hz: float) -> _Follower:
+        """The same at the modulus at which its own small swing has the calm part's frequency: what its elements are off by must not add up over
+        many periods. Gravity's share does not change with the modulus, so that the tangent is known at both ends."""
+        specific, still = self.specific, 0 * self.load
+        for _ in range(TUNINGS):
+            square, elastic = self.plane.frequency(specific, self.load) ** 2, self.plane.frequency(specific, still) ** 2
+            specific *= max(1 + (hz**2 - square) / elastic, 0.5)
+        rest = self.plane.balanced(specific, self.load, self.rest)
+        return replace(self, specific=specific, rest=rest)
+
+    def edges(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+        """Points (P, 2) [px] on the outline of a pose, unit normals out of it (P, 2), and the matrix (2 P, 2 N) that takes displacements to theirs."""
+        border, place = self.plane.border, self.plane.nodes + u.reshape(-1, 2)
+        shape = np.array([[(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)] for s in ALONG])
+        slope = np.array([[4 * s - 3, 4 - 8 * s, 4 * s - 1] for s in ALONG])
+        points = np.einsum("qk,bkc->bqc", shape, place[border]).reshape(-1, 2)
+        along = np.einsum("qk,bkc->bqc", slope, place[border]).reshape(-1, 2) @ self.to_picture[:2]
+        normal = np.stack([along[:, 1], -along[:, 0]], 1) / np.linalg.norm(along, axis=1, keepdims=True)
+        pixels = points @ self.to_picture[:2] + self.to_picture[2]
+        turned = np.linalg.det(self.to_picture[:2]) < 0  # the picture's y points down
+        rows = np.arange(len(points))
+        nodes = np.repeat(border, len(ALONG), 0)
+        values = np.tile(shape, (len(border), 1))
+        single = sp.csr_matrix((values.ravel(), (np.repeat(rows, 3), nodes.ravel())), (len(points), len(place)))
+        return pixels, -normal if turned else normal, sp.kron(single, sp.identity(2)).tocsr()
+
+    def poses(self, count: int) -> np.ndarray | None:
+        """Displacements (count, 2 N) in the first frames; None where the outline is lost."""
+        found: dict[int, np.ndarray] = {}
+        last = max(count, self.from_rest + 1)
+        for frames in (range(self.from_rest, last), range(self.from_rest - 1, -1, -1)):
+            step = 1 if frames.step > 0 else -1
+            for k in frames:
+                before = found.get(k - step, self.rest)
+                expected = 2 * before - found[k - 2 * step] if k - 2 * step in found else before
+                pose = self.laid_onto(self.whole.frames[k], expected)
+                if pose is None:
+                    return None
+                found[k] = pose
+        return np.stack([found[k] for k in range(count)])
+
+    def laid_onto(self, frame: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+        """The pose in a picture near an expected one; None where too little of its outline is seen."""
+        from ..outline import edge_distances
+
+        u, free = start, self.plane.free
+        stiff = SPRING * self.specific
+        height, width = frame.shape[:2]
+        for _ in range(ROUNDS):
+            pixels, normals, sampled = self.edges(u)
+            off = edge_distances(frame, pixels, normals, self.level, self.contrast, REACH_PX)
+            inside = ((pixels > BORDER_PX) & (pixels < np.array([width, height]) - 1 - BORDER_PX)).all(1)
+            known = np.isfinite(off) & inside
+            if known.sum() < LEAST_SEEN * max(inside.sum(), 1):
+                return None
+            own = normals @ self.to_picture[:2].T  # gradient of the distance by plane coordinates [px/m]
+            size = np.linalg.norm(own, axis=1)
+            direction, off_m = own / size[:, None], off / size
+            rows = np.arange(len(off))
+            along = sp.csr_matrix((direction.ravel(), (np.repeat(rows, 2), (2 * rows[:, None] + np.arange(2)).ravel())), (len(off), 2 * len(off))) @ sampled
+            weight = sp.diags(np.where(known, stiff, 0.0))
+            springs = (along.T @ weight @ along).tocsc()
+            pull = along.T @ (weight @ (along @ u + np.where(known, off_m, 0.0)))
+            new = self.plane.balanced(self.specific, self.load, u, springs, np.asarray(pull).ravel())
+            moved = np.abs((new - u)[free]).max() * np.abs(self.to_picture[:2]).max()
+            u = new
+            if moved < SETTLED_PX:
+                break
+        return u
+
+    def tip(self, u: np.ndarray) -> np.ndarray:
+        """Middle of the free end (T, 2) [px] in poses (T, 2 N)."""
+        x = self.plane.nodes[:, 0]
+        end = x > x.max() - 0.02 * np.ptp(x)
+        return (self.plane.nodes[end] + u.reshape(len(u), -1, 2)[:, end]).mean(1) @ self.to_picture[:2] + self.to_picture[2]
+
+
+def _passes_rest(whole: Clip, seen: Outlined) -> int:
+    """The first frame in which the object passes its pose at rest."""
+    assert whole.labels is not None
+    assert seen.clip.labels is not None
+    inside = object_mask(whole.labels)
+    size = np.maximum(inside.sum((1, 2)), 1)
+    centre = np.stack([(inside.sum(axis) @ np.arange(inside.shape[3 - axis])) / size for axis in (1, 2)], 1)
+    aside = centre - centre[seen.hanging.rest_frame]
+    along = aside @ np.linalg.svd(aside - aside.mean(0), full_matrices=False)[2][0]
+    crossing = np.flatnonzero(along[:-1] * along[1:] <= 0)
+    k = int(crossing[0]) if len(crossing) else seen.hanging.rest_frame
+    return k if abs(along[k]) <= abs(along[min(k + 1, len(along) - 1)]) else k + 1

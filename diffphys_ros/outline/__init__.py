@@ -1,0 +1,10 @@
+"""An object without texture, seen by its outline: when it is calm (reference), where its edge is (edges), what shape it has at rest (average), how
+it moves (follow). Needs OpenCV."""
+
+from .average import covered, end_of, rest_outline
+from .edges import edge_distances, edge_levels
+from .follow import follow_outline
+from .reference import Calm, calm_part
+from .texture import has_texture
+
+__all__ = ["Calm", "calm_part", "covered", "edge_distances", "edge_levels", "end_of", "follow_outline", "has_texture", "rest_outline"]

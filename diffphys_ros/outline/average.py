@@ -1,0 +1,76 @@
+"""An object's outline at rest, averaged over the frames that show it there: one compressed frame has it wrong by half a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Clip, object_mask
+from .edges import Outline, distances, grey_of, outline_of
+
+NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside
+REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them
+STEP_PX = 2  # between points
+FINER = 8  # rows a pixel in which the covered share is measured
+END_SHARE = 0.1  # of the object's length: the end face lies in it
+
+
+def rest_outline(clip: Clip) -> np.ndarray:
+    """The outline (P, 2) [px] of a clip whose frame 0 is nearest to rest, as it is in that pose, in order along it. Needs `clip.labels`."""
+    assert clip.labels is not None
+    inside = object_mask(clip.labels)
+    outline = outline_of(grey_of(clip.frames[0]), inside[0], STEP_PX)
+    swing = _swing(inside)
+    aside = np.where(clip.seen, np.abs(swing), np.inf)
+    near = np.argsort(aside, kind="stable")[: max(min(NEAR, int((aside <= CLOSE * np.abs(swing).max()).sum())), 1)]
+    seen = np.stack([distances(grey_of(clip.frames[k]), outline.pixels, outline.normals, outline.level, REACH_PX, outline.contrast) for k in near])
+    return outline.pixels + _at_rest(seen, swing[near], outline)[:, None] * outline.normals
+
+
+def _at_rest(seen: np.ndarray, swing: np.ndarray, outline: Outline) -> np.ndarray:
+    """What distances (K, P) are where the swing (K,) is nought, (P,): straight lines through them, by medians; 0 where hardly anything is seen."""
+    known = np.isfinite(seen)
+    weight = known.sum(0)
+    moved, swung = np.where(known, seen, 0.0), np.where(known, swing[:, None], 0.0)
+    middle, centre = moved.sum(0) / np.maximum(weight, 1), swung.sum(0) / np.maximum(weight, 1)
+    spread = np.where(known, swing[:, None] - centre, 0.0)
+    slope = (spread * moved).sum(0) / np.maximum((spread**2).sum(0), 1e-9)
+    level = np.ma.median(np.ma.masked_array(seen - slope * swing[:, None], ~known), axis=0).filled(0.0)
+    return np.where(weight >= len(seen) / 2, level, np.where(weight > 0, np.clip(middle, -1, 1), 0.0))
+
+
+def _swing(inside: np.ndarray) -> np.ndarray:
+    """How far the object's centroid is from where it is in frame 0, along the direction in which it moves most (T,) [px]."""
+    size = np.maximum(inside.sum((1, 2)), 1)
+    centre = np.stack([(inside.sum(axis) @ np.arange(inside.shape[3 - axis])) / size for axis in (1, 2)], 1)
+    moved = centre - centre.mean(0)
+    along = moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
+    return along - along[0]
+
+
+def covered(outline: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Share of each pixel inside a closed outline (P, 2) [px] that does not cross itself, float32 (H, W): exact along rows, FINER rows a pixel."""
+    height, width = shape
+    rows = (np.arange(height * FINER) + 0.5) / FINER - 0.5
+    start, end = outline, np.roll(outline, -1, 0)
+    row, edge = np.nonzero((start[:, 1] <= rows[:, None]) != (end[:, 1] <= rows[:, None]))
+    a, b = start[edge], end[edge]
+    x = np.clip(a[:, 0] + (rows[row] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]), -0.5, width - 0.5 - 1e-9)
+    side = np.where(b[:, 1] > a[:, 1], 1.0, -1.0)
+    column = np.floor(x + 0.5).astype(int)
+    right = column + 0.5 - x  # share of its pixel that lies to the right of the crossing
+    steps = np.zeros((height * FINER, width + 1))
+    np.add.at(steps, (row, column), side * right)
+    np.add.at(steps, (row, column + 1), side * (1 - right))
+    return np.abs(np.cumsum(steps, 1)[:, :width]).reshape(height, FINER, width).mean(1).astype(np.float32)
+
+
+def end_of(outline: np.ndarray, line_px: np.ndarray) -> float:
+    """How far the far end of an outline (P, 2) lies from a line (2, 2) [px]: the middle of its end face."""
+    along = (line_px[1] - line_px[0]) / np.linalg.norm(line_px[1] - line_px[0])
+    across = np.array([-along[1], along[0]])
+    far, beside = (outline - line_px[0]) @ across, (outline - line_px[0]) @ along
+    far = far if far.mean() >= 0 else -far
+    last = far > far.max() - END_SHARE * np.ptp(far)
+    left, right = beside[last].min(), beside[last].max()
+    face = last & (beside > left + (right - left) / 4) & (beside < right - (right - left) / 4)
+    return float(np.median(far[face])) if face.any() else float(far.max())

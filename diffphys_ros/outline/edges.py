@@ -1,0 +1,145 @@
+"""The edge of a plain object to a fraction of a pixel: where the grey level passes half way between inside and outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, map_coordinates
+
+SMOOTH_PX = 3.0  # standard deviation along the outline over which staircases of the mask and bumps of the edge are evened out
+PLATEAU_PX = (4.0, 7.0)  # from the edge, on either side, where inside and outside are read: blur with an sd of 2 px has ended
+TURN_PX = 6.0  # the same for its direction, which wiggles more
+STEP_PX = 0.5  # between samples of a profile
+REFINE_PX = 6.0  # from the mask's border that its edge is looked for
+BORDER_PX = 3.0  # from the picture's border that no point may lie within
+CORNER_ARM_PX, CORNER_COSINE = 8.0, np.cos(np.radians(35.0))  # arm over which an outline turns, and the turn that makes a corner
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Points on an object's outline in one frame, evenly spaced along it."""
+
+    pixels: np.ndarray  # [px], (P, 2)
+    normals: np.ndarray  # unit vectors out of the object, (P, 2)
+    level: np.ndarray  # grey level half way between inside and outside, (P,)
+    contrast: np.ndarray  # grey levels inside over those outside, (P,)
+    to_corner_px: np.ndarray  # distance along the outline to the next corner, (P,)
+
+
+def grey_of(frame: np.ndarray) -> np.ndarray:
+    """Luma of an RGB frame (H, W, 3) uint8, not rounded, float32 (H, W)."""
+    return frame @ np.array([0.299, 0.587, 0.114], np.float32)
+
+
+def outline_of(grey: np.ndarray, mask: np.ndarray, spacing_px: float) -> Outline:
+    """The outline of a mask (H, W) in a picture (H, W), float32; nothing of it lies at the picture's border. Empty where all does."""
+    path = max(cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0].astype(float)
+    height, width = mask.shape
+    inside = ((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1)
+    runs = [_evenly(run) for run in _runs(path, inside)]
+    found = [_refined(grey, run, round(spacing_px)) for run in runs if len(run) > 4 * SMOOTH_PX]
+    if not found:
+        return Outline(*np.zeros((2, 0, 2)), *np.zeros((3, 0)))
+    return Outline(*(np.concatenate(each) for each in zip(*found, strict=True)))
+
+
+def _runs(path: np.ndarray, inside: np.ndarray) -> list[np.ndarray]:
+    """The pieces of a closed path (n, 2) inside the picture; the whole path, closed, where all is."""
+    if inside.all():
+        return [np.concatenate([path, path[: int(4 * SMOOTH_PX)]])]
+    first = int(np.flatnonzero(~inside)[0])
+    path, inside = np.roll(path, -first, 0), np.roll(inside, -first)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]]))).reshape(-1, 2)
+    return [path[a:b] for a, b in edges]
+
+
+def _evenly(run: np.ndarray) -> np.ndarray:
+    """A path (n, 2), smoothed, with points a pixel apart."""
+    smooth = gaussian_filter1d(run, SMOOTH_PX, axis=0, mode="nearest")
+    arc = np.r_[0, np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))]
+    at = np.arange(0, arc[-1], 1.0)
+    return np.stack([np.interp(at, arc, smooth[:, i]) for i in (0, 1)], 1)
+
+
+def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, ...]:
+    """The fields of Outline for every `step`-th point of an even run (n, 2)."""
+    normal = _outward(grey, run)
+    level, contrast = _half_level(grey, run, normal)
+    moved = distances(grey, run, normal, level, REFINE_PX)
+    known = np.isfinite(moved)
+    if known.sum() < 2:
+        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0)
+    moved = np.interp(np.arange(len(run)), np.flatnonzero(known), moved[known])
+    run = run + gaussian_filter1d(moved, SMOOTH_PX, mode="nearest")[:, None] * normal
+    normal = _outward(grey, run)
+    level, contrast = _half_level(grey, run, normal)
+    chosen = np.arange(step // 2, len(run), max(step, 1))
+    return run[chosen], normal[chosen], level[chosen], contrast[chosen], _to_corner(run)[chosen]
+
+
+def _outward(grey: np.ndarray, run: np.ndarray) -> np.ndarray:
+    """Unit normals (n, 2) of an even run. cv2 walks outer contours counterclockwise as the picture shows them, y down."""
+    along = np.gradient(gaussian_filter1d(run, TURN_PX, axis=0, mode="nearest"), axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return np.stack([-along[:, 1], along[:, 0]], 1)
+
+
+def _half_level(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    inner, outer = _sides(grey, pixels, normals)
+    inner, outer = (gaussian_filter1d(each, 2 * SMOOTH_PX, mode="nearest") if len(each) > 1 else each for each in (inner, outer))
+    return (inner + outer) / 2, inner - outer
+
+
+def _sides(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey levels (P,) inside and outside of points (P, 2); NaN outside the picture."""
+    reach = np.arange(PLATEAU_PX[0], PLATEAU_PX[1] + 0.1)
+    inner, outer = (np.median(profiles(grey, pixels, normals, side * reach), axis=1) for side in (-1, 1))
+    return inner, outer
+
+
+def _to_corner(run: np.ndarray) -> np.ndarray:
+    """Distance [px] of points a pixel apart (n, 2) to the next place at which the run turns sharply."""
+    arm = int(CORNER_ARM_PX)
+    if len(run) <= 2 * arm:
+        return np.zeros(len(run))
+    before, after = run[arm:-arm] - run[: -2 * arm], run[2 * arm :] - run[arm:-arm]
+    cosine = (before * after).sum(1) / np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-12)
+    sharp = arm + np.flatnonzero(cosine < CORNER_COSINE)
+    return np.abs(np.arange(len(run))[:, None] - sharp).min(1).astype(float) if len(sharp) else np.full(len(run), float(len(run)))
+
+
+def profiles(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Grey levels (P, S) of a picture (H, W) along normals (P, 2) of pixels (P, 2), at distances (S,) [px]; NaN outside the picture."""
+    at = pixels[:, None] + reach[:, None] * normals[:, None]
+    return map_coordinates(grey, [at[..., 1], at[..., 0]], order=1, mode="constant", cval=np.nan)
+
+
+def distances(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: np.ndarray, reach_px: float, contrast: np.ndarray | None = None) -> np.ndarray:
+    """Signed distance (P,) [px] along its normal at which the picture leaves each point's inside: the crossing of its level nearest to the point;
+    NaN where there is none within reach."""
+    reach = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
+    above = profiles(grey, pixels, normals, reach) - level[:, None]
+    if contrast is not None:
+        above = above * np.sign(contrast)[:, None]
+    elif np.nanmean(above[:, 0]) < np.nanmean(above[:, -1]):
+        above = -above  # a dark object
+    leaves = (above[:, :-1] > 0) & (above[:, 1:] <= 0)
+    place = np.where(leaves, np.abs(reach[:-1] + STEP_PX / 2), np.inf)
+    rows, k = np.arange(len(pixels)), place.argmin(1)
+    a, b = above[rows, k], above[rows, k + 1]
+    share = np.divide(a, a - b, out=np.zeros(len(a)), where=a != b)
+    return np.where(np.isfinite(place[rows, k]), reach[k] + STEP_PX * share, np.nan)
+
+
+def edge_levels(frame: np.ndarray, pixels: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey levels half way between inside and outside, and the inside's over the outside's, (P,) each, of an RGB frame at points (P, 2) of an outline."""
+    inner, outer = _sides(grey_of(frame), pixels, normals)
+    inner, outer = (np.where(np.isfinite(each), each, np.nanmedian(each)) for each in (inner, outer))
+    return (inner + outer) / 2, inner - outer
+
+
+def edge_distances(frame: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: np.ndarray, contrast: np.ndarray, reach_px: float) -> np.ndarray:
+    """As `distances`, of an RGB frame."""
+    return distances(grey_of(frame), pixels, normals, level, reach_px, contrast)

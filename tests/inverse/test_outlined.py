@@ -1,0 +1,88 @@
+"""A plain strip that hangs from a clamp beyond the picture: its modulus, its clamp and its scale from its outline alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from diffphys_ros import config
+from diffphys_ros.inverse import prepare
+from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.types import Clip
+from tests.plain_strips import Strip
+
+from .test_solve import drive
+
+STRIP = Strip(frames=100)
+DENSITY = 1070.0
+
+
+@pytest.fixture(scope="module")
+def prepared() -> Prepared:
+    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": STRIP.length_px / STRIP.px_per_m, "scene.poisson_ratio": [0.3]}
+    steps = prepare(STRIP.clip(), config.layered([], told))
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value
+
+
+def test_the_outline_is_chosen_where_there_is_no_texture(prepared: Prepared) -> None:
+    assert prepared.hanging is not None
+    assert prepared.tracks.normals is not None
+    assert any("by the object's outline" in note for note in prepared.clip.notes)
+
+
+def test_the_modulus_of_the_beam_is_found_and_its_sd_covers_it(prepared: Prepared) -> None:
+    start = prepared.start
+    error = float(np.log10(start.young[0] / DENSITY / STRIP.specific))
+    assert start.identified.all()
+    assert abs(error) < 0.025
+    assert 0.015 < start.log10_young_sd[0] < 0.04
+    assert abs(error) < 2 * start.log10_young_sd[0]
+    assert start.observed_hz[0] == pytest.approx(STRIP.hz, rel=2e-3)
+
+
+def test_the_clamp_beyond_the_picture_is_found_with_the_scale(prepared: Prepared) -> None:
+    hanging = prepared.hanging
+    assert hanging.behind_px == pytest.approx(STRIP.behind_px, abs=2.0)
+    assert hanging.px_per_m == pytest.approx(STRIP.px_per_m, rel=0.015)
+    assert hanging.length_told
+
+
+def test_no_force_acts_on_a_strip_that_swings_freely(prepared: Prepared) -> None:
+    weight = DENSITY * 9.81
+    assert np.linalg.norm(prepared.start.force, axis=1).max() < 0.05 * weight
+
+
+def test_the_decay_of_the_swing_is_the_damping(prepared: Prepared) -> None:
+    damping, omega = prepared.start.damping, 2 * np.pi * STRIP.hz
+    ratio = (damping.mass_per_s + damping.stiffness_s * omega**2) / (2 * omega)
+    assert ratio == pytest.approx(STRIP.damping, rel=0.1)
+
+
+def held_in_a_hand(clip: Clip) -> Clip:
+    """Before a dim patterned scene, by a hand that shakes by 1 px."""
+    rng, size = np.random.default_rng(0), clip.frames.shape[2:0:-1]
+    pattern = cv2.GaussianBlur(rng.normal(0, 1, size[::-1]).astype(np.float32), (0, 0), 2)
+    grey = clip.frames[..., 0].astype(np.float32)
+    scene, strip = grey.min(), grey.max()
+    grey += (strip - grey) / (strip - scene) * np.clip(8 * pattern / pattern.std(), -scene, 20)
+    shift = rng.normal(size=(len(clip), 2)) * (np.arange(len(clip)) > 0)[:, None]
+    moved = [cv2.warpAffine(g, np.c_[np.eye(2), s], size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for g, s in zip(grey, shift, strict=True)]
+    noisy = np.stack(moved) + rng.normal(0, 1, grey.shape)
+    return replace(clip, frames=np.repeat(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)[..., None], 3, 3))
+
+
+def test_a_hand_that_holds_the_camera_is_taken_off_before_the_outline_is_read() -> None:
+    """Without that no free swing is seen at all."""
+    strip = Strip(frames=100, size=(150, 240), middle_px=120.0)
+    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]}
+    held = drive(prepare(held_in_a_hand(strip.clip()), config.layered([], told)))[-1]
+    assert abs(np.log10(held.start.young[0] / DENSITY / strip.specific)) < 0.025
+    assert any("the camera moves by up to" in note and "laid over frame 0" in note for note in held.clip.notes)
+    assert not held.doubts

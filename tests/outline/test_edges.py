@@ -1,0 +1,107 @@
+"""The outline of a plain strip, whose edges are drawn where they are known to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.errors import InputError
+from diffphys_ros.outline import calm_part, covered, end_of, follow_outline, has_texture, rest_outline
+from diffphys_ros.segment import plain_labels
+from diffphys_ros.types import Clip, Tracks
+from tests.boxes import bar_settings
+from tests.plain_strips import Strip
+
+STRIP = Strip(frames=60, fps=60.0)
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    found = STRIP.clip()
+    labels = plain_labels(found)
+    assert labels is not None
+    return found.with_labels(labels)
+
+
+@pytest.fixture(scope="module")
+def calm(clip: Clip) -> Clip:
+    calm = calm_part(clip.labels, clip.period_s)
+    return clip.part(calm.rest, calm.end)
+
+
+@pytest.fixture(scope="module")
+def tracks(calm: Clip) -> Tracks:
+    return follow_outline(calm, np.where(calm.labels[0] > 0, 1.0, 0.0).astype(np.float32))
+
+
+def sideways(clip: Clip, calm: Clip, tracks: Tracks) -> np.ndarray:
+    """True motion (T, M) of the strip along x at the height of each point since the calm part's first frame [px]."""
+    first = len(clip) - len(calm)
+    sway = STRIP.sway()[first:]
+    return (sway - sway[0])[:, None] * STRIP.shape(tracks.pixels[0, :, 1] + STRIP.behind_px)
+
+
+def test_a_polygon_covers_pixels_by_its_area() -> None:
+    share = covered(np.array([[1.25, 0.5], [3.5, 0.5], [3.5, 2.5], [1.25, 2.5]]), (4, 6))
+    assert share.sum() == pytest.approx(2.25 * 2)
+    assert share[1] == pytest.approx([0, 0.25, 1, 1, 0, 0])
+
+
+def test_the_plain_strip_is_labelled_in_every_frame(clip: Clip) -> None:
+    truth = np.stack([covered(STRIP.outline(sway), STRIP.size) > 0.5 for sway in STRIP.sway()])
+    assert ((clip.labels > 0) == truth).mean() > 0.999
+
+
+def test_rest_is_where_the_strip_hangs_straight_not_where_it_is_still(clip: Clip, calm: Clip) -> None:
+    sway = STRIP.sway()
+    first = len(clip) - len(calm)
+    step = 2 * np.pi * STRIP.hz / STRIP.fps * STRIP.tip_px  # a frame, at the most
+    assert abs(sway[first]) < step
+    assert np.abs(np.diff(sway))[first] > 0.6 * np.abs(np.diff(sway))[first:].max()
+
+
+def test_edges_move_as_they_were_drawn_to_a_tenth_of_a_pixel(clip: Clip, calm: Clip, tracks: Tracks) -> None:
+    assert tracks.normals is not None
+    seen = ((tracks.pixels - tracks.pixels[:1]) * tracks.normals[None, :, :2]).sum(-1)
+    across = tracks.normals[:, 0]
+    assert tracks.pixels.shape[1] > 20
+    assert tracks.valid.mean() > 0.99
+    error = seen - sideways(clip, calm, tracks) * across
+    assert np.sqrt((error**2).mean()) < 0.1
+
+
+def test_only_points_that_move_across_themselves_are_kept(tracks: Tracks) -> None:
+    assert (np.abs(tracks.normals[:, 0]) > 0.9).all()
+    assert tracks.pixels[0, :, 1].max() < STRIP.length_px - STRIP.behind_px - 8
+    assert tracks.pixels[0, :, 1].min() > 2
+
+
+def test_noise_and_blur_do_not_move_the_outline_at_rest(clip: Clip, calm: Clip) -> None:
+    noisy = replace(STRIP, noise=5.0).clip().with_labels(clip.labels).part(len(clip) - len(calm), len(clip))
+    for one in (calm, noisy):
+        outline = rest_outline(one)
+        upper = np.abs(outline[:, 1] - 60) < 40
+        left, right = (outline[upper & (side * (outline[:, 0] - STRIP.middle_px) > 0), 0].mean() for side in (-1, 1))
+        assert right - left == pytest.approx(STRIP.width_px, abs=0.15)
+        end = end_of(outline, np.array([[0.0, 0.0], [109.0, 0.0]]))
+        assert end == pytest.approx(STRIP.length_px - STRIP.behind_px, abs=0.3)
+
+
+def test_a_plain_strip_has_no_texture_and_a_speckled_one_has(clip: Clip, calm: Clip) -> None:
+    assert not has_texture(clip, 0, bar_settings())
+    speckle = np.random.default_rng(1).uniform(-60, 60, (40, 30))
+    still = np.repeat(calm.frames[:1], 12, 0).astype(float)
+    still[:, 40:120, 40:70] += np.kron(speckle, np.ones((2, 1)))[None, :, :, None]
+    textured = replace(calm, frames=np.clip(still, 0, 255).astype(np.uint8), labels=calm.labels[:12] * 0 + calm.labels[:1], observed=None)
+    assert has_texture(textured, 0, bar_settings())
+
+
+def test_too_short_a_swing_is_refused_by_its_periods(clip: Clip) -> None:
+    with pytest.raises(InputError, match=r"periods of a swing, needs at least 3\.5"):
+        calm_part(clip.labels[:24], clip.period_s)
+
+
+def test_nothing_that_stands_still_is_labelled(clip: Clip) -> None:
+    assert plain_labels(replace(clip, frames=np.repeat(clip.frames[:1], 8, 0), labels=None)) is None
