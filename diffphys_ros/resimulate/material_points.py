@@ -31,7 +31,8 @@ def material_points(
     force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
     field = None if problem.field_force is None else force_scale * see(problem.field_force)
     frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
-    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies, problem.damping_own)
+    retuning = None if problem.retuning is None else problem.young.dtype.type(young_scale) * problem.retuning
+    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies, problem.damping_own, retuning)
     beta = see(recovery.damping.stiffness_s)
     with torch.no_grad():
         states = simulator.rollout(
