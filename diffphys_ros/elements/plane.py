@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import eigsh, splu
 
 from ..types import Body
 from .mesh import element_size, triangulate
@@ -21,6 +21,10 @@ MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's 
 SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 %
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
 EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+class DivergedError(ArithmeticError):
+    """An integration whose steps are too long."""
 
 
 def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +129,7 @@ class Plane:
         return u
 
     def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, step_s: float, steps: int) -> np.ndarray:
-        """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass."""
+        """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass. Raises DivergedError."""
         free, mass = self.free, self.mass[self.free][:, self.free].tocsc()
         late = SPECTRAL_RADIUS / (1 + SPECTRAL_RADIUS)  # share of the step's begin in elastic forces and drag
         early = (2 * SPECTRAL_RADIUS - 1) / (1 + SPECTRAL_RADIUS)
@@ -149,6 +153,8 @@ class Plane:
                 new = new + change
                 if np.abs(change).max() < CLOSE_M:
                     break
+            else:
+                raise DivergedError(f"a step of {step_s:.3g} s is too long for this motion")
             u[free] = new
             a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
             v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
@@ -163,11 +169,15 @@ class Plane:
         own = pairs[count[number.ravel()] == 1]
         return own[~self.held[own].all(1)]
 
-    def frequency(self, specific: float, load: np.ndarray) -> float:
-        """Of the slowest small motion about rest under a load [Hz]."""
-        from scipy.sparse.linalg import eigsh
-
-        rest = self.balanced(specific, load, np.zeros(2 * len(self.nodes)))
+    def slowest(self, specific: float, load: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray]:
+        """Frequency [Hz] and shape (2 N,) of the slowest small motion about rest under a load, looked for from a start."""
+        rest = self.balanced(specific, load, start)
         matrix = (specific * self.inner(rest)[1])[self.free][:, self.free].tocsc()
-        square = eigsh(matrix, 1, self.mass[self.free][:, self.free].tocsc(), sigma=0.0, v0=np.ones(len(self.free)), return_eigenvectors=False)
-        return float(np.sqrt(square[0]) / (2 * np.pi))
+        square, shape = eigsh(matrix, 1, self.mass[self.free][:, self.free].tocsc(), sigma=0.0, v0=np.ones(len(self.free)))
+        full = np.zeros(len(start))
+        full[self.free] = shape[:, 0]
+        return float(np.sqrt(square[0]) / (2 * np.pi)), full
+
+    def frequency(self, specific: float, load: np.ndarray) -> float:
+        """That of `slowest` [Hz]."""
+        return self.slowest(specific, load, np.zeros(2 * len(self.nodes)))[0]

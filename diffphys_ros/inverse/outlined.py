@@ -57,6 +57,10 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     if chosen is None:
         return None
     whole, calm = chosen
+    if settings.frames.predict:
+        raise InputError(
+            f"frames.predict is {settings.frames.predict}, must be 0 where the outline is followed: its calm frames are chosen among all; leave it out, the swing before them is predicted by itself"
+        )
     first, end, count, periods = calm.rest, calm.end, len(whole), calm.periods
     note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
     clip = whole.part(first, end)

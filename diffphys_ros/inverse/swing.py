@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .outlined import Outlined
 
 SECONDS = 1.0  # that are predicted
-FIRST = 7  # frames that pose and velocity of the first are read from, by a parabola
+FIRST_SHARE, LEAST_FIRST, MOST_FIRST = 0.14, 4, 7  # of a period, and frames, that pose and velocity of the first are read from, by a parabola
 SPRING = 0.1  # of a point, over E / density: stiff enough to follow the edge, soft enough to even out its noise
 ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them
 REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it
@@ -28,6 +28,8 @@ BORDER_PX = 4.0  # of the picture, within which no edge counts
 ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for
 LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count
 TUNINGS = 3  # of the modulus
+SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequency falls with the swing, and the share of the swing that counts as small
+TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it
 STEPS_A_PERIOD = 90.0  # of the integration, at the least
 LEAST_SWING_PX = 1.0  # of the tip: less is no large swing
 
@@ -39,24 +41,27 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     body = seen.body
     if not body.clamped:
         return None
-    hz = float(start.observed_hz[0])
+    hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
     follower = _Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
-    count = min(len(whole), round(SECONDS / whole.period_s) + FIRST)
+    softening = follower.softening(hz, _tip_amplitude(seen), seen.hanging.periods)
+    follower = follower.tuned(hz / softening)
+    first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
+    count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
     if poses is None:
         return None
-    times = (np.arange(FIRST) - FIRST // 2) * whole.period_s
-    _, v, u = np.polyfit(times, poses[:FIRST], 2)
-    substeps = max(int(np.ceil(STEPS_A_PERIOD * hz * whole.period_s)), 1)
-    drag = start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2  # all of it as of the mass: of strain it would brake what turns
-    steps = (count - FIRST // 2 - 1) * substeps
-    predicted = follower.plane.march(follower.specific, follower.load, u, v, drag_per_s=float(drag), step_s=whole.period_s / substeps, steps=steps)[::substeps]
-    tip, told = follower.tip(predicted), follower.tip(poses[FIRST // 2 :])
+    times = (np.arange(first) - first // 2) * whole.period_s
+    _, v, u = np.polyfit(times, poses[:first], 2)
+    drag = float(start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2)  # all of it as of the mass: of strain it would brake what turns
+    predicted = follower.let_go(u, v, drag_per_s=drag, hz=hz, frames=count - first // 2)
+    if predicted is None:
+        return None
+    tip, told = follower.tip(predicted), follower.tip(poses[first // 2 :])
     motion = float(np.sqrt(((told - told.mean(0)) ** 2).sum(1).mean()))
     error = float(np.sqrt(((tip - told) ** 2).sum(1).mean()))
     if motion < LEAST_SWING_PX:
         return None
-    return Swing(count - FIRST // 2, motion, error, error / motion)
+    return Swing(count - first // 2, motion, error, error / motion, softening)
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,39 @@ class _Follower:
             specific *= max(1 + (hz**2 - square) / elastic, 0.5)
         rest = self.plane.balanced(specific, self.load, self.rest)
         return replace(self, specific=specific, rest=rest)
+
+    def let_go(self, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, hz: float, frames: int) -> np.ndarray | None:
+        """Displacements (frames, 2 N) of the free motion from u with velocity v at the clip's frames, with steps as short as it needs; None where none are
+        short enough."""
+        from ..elements.plane import DivergedError
+
+        period_s = self.whole.period_s
+        substeps = max(int(np.ceil(STEPS_A_PERIOD * hz * period_s)), 1)
+        for finer in (1, 2, 4, 8):
+            number = finer * substeps
+            try:
+                return self.plane.march(self.specific, self.load, u, v, drag_per_s=drag_per_s, step_s=period_s / number, steps=(frames - 1) * number)[::number]
+            except DivergedError:
+                continue
+        return None
+
+    def softening(self, hz: float, tip_px: float, periods: float) -> float:
+        """By how much the leading frequency of a swing that begins with such a tip's amplitude [px] is lower than that of a small one, as a factor."""
+        plane, free = self.plane, self.plane.free
+        mode = plane.slowest(self.specific, self.load, self.rest)[1]
+        size = np.linalg.norm(self.tip((self.rest + mode)[None]) - self.tip(self.rest[None]))
+        step_s = 1 / (STEPS_A_PERIOD * hz)
+        begun = self.rest + np.where(np.isin(np.arange(len(mode)), free), mode, 0.0) * tip_px / max(float(size), 1e-12)
+        found = [self._frequency(plane.march(self.specific, self.load, self.rest + share * (begun - self.rest), 0 * mode, drag_per_s=0.0, step_s=step_s, steps=round(STEPS_A_PERIOD * min(periods, SOFTENING_PERIODS))), step_s) for share in (SMALL, 1.0)]
+        return found[1] / found[0]
+
+    def _frequency(self, u: np.ndarray, step_s: float) -> float:
+        """Of the tip in a free motion (T, 2 N) [Hz], by where it passes its middle."""
+        moved = self.tip(u) - self.tip(self.rest[None])
+        along = moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
+        k = np.flatnonzero(along[:-1] * along[1:] < 0)
+        at = k + along[k] / (along[k] - along[k + 1])
+        return float((len(at) - 1) / 2 / ((at[-1] - at[0]) * step_s))
 
     def edges(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
         """Points (P, 2) [px] on the outline of a pose, unit normals out of it (P, 2), and the matrix (2 P, 2 N) that takes displacements to theirs."""
@@ -167,6 +205,13 @@ class _Follower:
         x = self.plane.nodes[:, 0]
         end = x > x.max() - 0.02 * np.ptp(x)
         return (self.plane.nodes[end] + u.reshape(len(u), -1, 2)[:, end]).mean(1) @ self.to_picture[:2] + self.to_picture[2]
+
+
+def _tip_amplitude(seen: Outlined) -> float:
+    """Of the calm frames on the whole [px]: what moves most of the outline, continued to the free end along the leading mode of a beam."""
+    moved = ((seen.tracks.pixels - seen.tracks.pixels.mean(0)) ** 2).sum(-1)
+    far = moved.mean(0).max()
+    return float(np.sqrt(2 * far)) * TIP_OVER_LAST
 
 
 def _passes_rest(whole: Clip, seen: Outlined) -> int:

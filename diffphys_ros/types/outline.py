@@ -13,6 +13,7 @@ class Swing:
     tip_motion_px: float  # of the free end, root mean square about its mean
     tip_error_px: float  # root mean square
     tip_error_share: float  # of the motion
+    softening: float  # frequency of the calm frames over that of a small swing: Young's modulus is found too small by about its square
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,77 @@
+"""The flat solid that moves far: against beams, rigid turns and its own differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diffphys_ros.elements.plane import Plane
+from diffphys_ros.types import Body
+
+LENGTH, WIDTH, SPECIFIC, GRAVITY = 0.1, 0.01, 100.0, 9.81
+
+
+def bar(length: float = LENGTH, width: float = WIDTH, cells: int = 40) -> Body:
+    """A clamped bar along x under gravity along x."""
+    pitch = width / cells
+    nx, ny = round(length / pitch), cells
+    inside = np.zeros((nx + 12, ny + 12), bool)
+    inside[:nx, 6 : 6 + ny] = True
+    origin = np.array([pitch / 2, -(ny + 11) / 2 * pitch])
+    return Body(np.eye(4), inside, origin, pitch, np.where(inside, 0.005, 0.0), np.ones(inside.shape, np.uint8), np.array([1000.0]), np.array([0.3]), np.array([GRAVITY, 0, 0]), True)
+
+
+@pytest.fixture(scope="module")
+def plane() -> Plane:
+    return Plane.of(bar())
+
+
+def still(plane: Plane) -> np.ndarray:
+    return np.zeros(2 * len(plane.nodes))
+
+
+def test_it_swings_as_a_beam_with_shear_and_rotation(plane: Plane) -> None:
+    thin = 1.8751041**2 / (2 * np.pi) * np.sqrt(SPECIFIC * WIDTH**2 / 12) / LENGTH**2
+    slender = WIDTH**2 / 12 / LENGTH**2 * 4.648 * (1 + 2.6 / 0.85)
+    assert plane.frequency(SPECIFIC, still(plane)) == pytest.approx(thin / np.sqrt(1 + slender), rel=0.006)
+
+
+def test_gravity_stiffens_what_hangs_by_its_own_share(plane: Plane) -> None:
+    hanging = plane.frequency(SPECIFIC, plane.weight(np.array([GRAVITY, 0.0])))
+    square = hanging**2 - plane.frequency(SPECIFIC, still(plane)) ** 2
+    assert square == pytest.approx(1.571 * GRAVITY / LENGTH / (2 * np.pi) ** 2, rel=0.04)  # Rayleigh, with the mode of a beam without weight
+
+
+def test_a_rigid_turn_strains_nothing(plane: Plane) -> None:
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    forces, _ = plane.inner((plane.nodes @ turn.T - plane.nodes).ravel())
+    assert np.abs(forces).max() < 1e-12
+
+
+def test_the_tangent_is_the_slope_of_the_forces(plane: Plane) -> None:
+    rng = np.random.default_rng(0)
+    u, direction = (1e-3 * rng.standard_normal(2 * len(plane.nodes)) for _ in range(2))
+    step = 1e-5
+    slope = (plane.inner(u + step * direction)[0] - plane.inner(u - step * direction)[0]) / (2 * step)
+    assert plane.inner(u)[1] @ direction == pytest.approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
+
+
+def test_a_load_is_carried_by_the_clamp(plane: Plane) -> None:
+    load = plane.weight(np.array([GRAVITY, 1.0]))
+    forces = SPECIFIC * plane.inner(plane.balanced(SPECIFIC, load, still(plane)))[0]
+    carried = (load - forces).reshape(-1, 2)[plane.held].sum(0)
+    assert carried == pytest.approx(LENGTH * WIDTH * np.array([GRAVITY, 1.0]), rel=0.01)
+
+
+def test_a_free_swing_keeps_its_energy_and_drag_takes_its_share(plane: Plane) -> None:
+    load = plane.weight(np.array([GRAVITY, 0.0]))
+    rest = plane.balanced(SPECIFIC, load, still(plane))
+    hz, shape = plane.slowest(SPECIFIC, load, rest)
+    tip = 2 * int(plane.nodes[:, 0].argmax()) + 1
+    begun, step_s = rest + shape * 0.01 / shape[tip], 1 / (90 * hz)
+    ratio = []
+    for drag in (0.0, 2.0):
+        u = plane.march(SPECIFIC, load, begun, 0 * rest, drag_per_s=drag, step_s=step_s, steps=190)
+        ratio.append(np.abs(u[150:, tip]).max() / 0.01)
+    assert ratio[0] == pytest.approx(1.0, abs=0.01)
+    assert ratio[1] / ratio[0] == pytest.approx(np.exp(-0.5 * 2.0 * 2 / hz), rel=0.01)
