@@ -96,8 +96,8 @@ class Segment:
 
     method: str = setting(
         "auto",
-        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion",
-        choices=("auto", "given", "motion", "otsu", "sam"),
+        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion; flow: everything that moves however little, strands and holes as they are",
+        choices=("auto", "given", "motion", "flow", "otsu", "sam"),
     )
     model: str | None = setting(None, "SAM or SAM 2 checkpoint of transformers: a folder or a hub id; its prompt is box_px, point_px or what moves")
     box_px: list[float] | None = setting(None, "box around the object in frame 0: left top right bottom", unit="px", length=4)
@@ -223,7 +223,7 @@ class Experiment:
     field_iterations: int = setting(40, "iterations for fields that are more than constants per part and vectors per frame: of L-BFGS, with the schedule paper of Adam over the whole clip", low=1, high=100_000)
     material_nodes: int = setting(24, "nodes of the planes of a material field along the body's longest side (paper Eq. 8)", low=2, high=512)
     material_channels: int = setting(16, "length of its feature vectors", low=1, high=256)
-    force_voxels: int = setting(10, "voxels of a force field along the body's longest side; one each node of the grid where it acts on those (paper Eq. 9)", low=2, high=128)
+    force_voxels: int = setting(10, "voxels of a force field along the body's longest side (paper Eq. 9)", low=2, high=512)
     force_plane_nodes: int = setting(16, "nodes of the planes of a force field along the body's longest side (paper A.8)", low=2, high=512)
     force_channels: int = setting(8, "length of the feature vectors of a force field", low=1, high=256)
     decoder_width: int = setting(32, "width of the two hidden layers behind features", low=1, high=1024)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -86,14 +87,22 @@ class VoxelForce(ForceField):
 
 
 class NodeForce(ForceField):
-    """A feature vector for each of some places and frames, and one decoder for all: the paper's Eq. 9, whose voxels are the nodes of the
-    simulator's grid. Features begin at zero, where the decoder is zero too, so that frames can be sought one after the other while the
-    decoder stays as it is."""
+    """A feature vector per voxel and frame, trilinear in between, and one decoder for all, at places that are known beforehand: the nodes of
+    the simulator's grid (paper Eq. 9). Voxels that no place lies between are left out. Features begin at zero, where the decoder is zero too, so
+    that frames can be sought one after the other while the decoder stays as it is."""
 
-    def __init__(self, box: Box, frames: int, unit: float, *, places: int, generator: torch.Generator, sizes: ForceSizes | None = None):
+    near: Tensor  # the eight voxels about each place, (P, 8)
+    weight: Tensor  # of these, (P, 8)
+
+    def __init__(self, box: Box, frames: int, unit: float, *, places: np.ndarray, generator: torch.Generator, sizes: ForceSizes | None = None):
+        """`places` (P, 3) [m]."""
         super().__init__(box, frames, unit)
         sizes = sizes or ForceSizes()
-        self.features = nn.Parameter(torch.zeros(frames, places, sizes.channels))
+        index, weight = _trilinear(box, places, sizes.voxels)
+        used, near = np.unique(index, return_inverse=True)
+        self.register_buffer("near", torch.as_tensor(near.reshape(index.shape)))
+        self.register_buffer("weight", torch.as_tensor(weight, dtype=torch.float32))
+        self.features = nn.Parameter(torch.zeros(frames, len(used), sizes.channels))
         self.decoder = Decoder(sizes.channels, 3, generator=generator, hidden=sizes.hidden)
         self.decoder.awaken(generator)
 
@@ -102,8 +111,22 @@ class NodeForce(ForceField):
         return self.decoded(self.features[t])
 
     def decoded(self, features: Tensor) -> Tensor:
-        """Force densities (..., P, 3) [N/m^3] of features (..., P, channels)."""
-        return self.unit * self.decoder(features)
+        """Force densities (F, P, 3) [N/m^3] of features (F, voxels, channels)."""
+        found = self.weight[:, :1] * features.index_select(1, self.near[:, 0])
+        for corner in range(1, 8):
+            found = found + self.weight[:, corner, None] * features.index_select(1, self.near[:, corner])
+        return self.unit * self.decoder(found)
+
+
+def _trilinear(box: Box, places: np.ndarray, along_longest: int) -> tuple[np.ndarray, np.ndarray]:
+    """The eight voxels about each place (P, 3) [m] as flat numbers (P, 8), and their weights (P, 8)."""
+    count = np.array(box.cells(along_longest))
+    u = np.clip((places - box.low) / box.size, 0, 1) * (count - 1)
+    low = np.minimum(np.floor(u).astype(int), count - 2)
+    corner = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), -1).reshape(8, 3)
+    share = np.where(corner, (u - low)[:, None], 1 - (u - low)[:, None]).prod(-1)
+    index = np.ravel_multi_index(tuple(np.moveaxis(low[:, None] + corner, -1, 0)), tuple(count))
+    return index, share
 
 
 class PlaneForce(ForceField):

@@ -1,4 +1,4 @@
-"""Adam (Kingma and Ba 2015) over fields, as the paper has it."""
+"""Adam (Kingma and Ba 2015) over fields, as the paper has it, with one second moment a tensor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from torch import Tensor
 from .descent import Descent, Space
 from .model import Model
 
-BACK = 0.5  # of the steps, where one led out of what can be simulated
+FIRST, SECOND = 0.9, 0.99  # shares of the moments that stay from step to step: Adam's own but for the second, which has few steps to be known
+RISE = 1.02  # of the lowest loss, from which a step has led too far: over a whole clip a force moves all that comes after it
+BACK = 0.5  # of the steps, where one led too far, or out of what can be simulated
 
 Groups = Sequence[tuple[Sequence[Tensor], float]]  # tensors, and their first step
 
@@ -39,24 +41,42 @@ class Best:
 
 
 def lowered(groups: Groups, iterations: int, last: float, evaluate: Callable[[], Tensor], best: Best) -> Iterator[float]:
-    """The loss before every step, after it; steps shrink to the share `last` of the first. A step that leads nowhere is taken back."""
-    optimiser = torch.optim.Adam([{"params": list(tensors), "lr": rate} for tensors, rate in groups])
-    schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, last, max(iterations, 1))
+    """The loss before every step, after it; steps shrink to the share `last` of the first. A step that leads too far is taken
+    back, and what was learnt from those before it is forgotten."""
+    descents = [Momentum(tensor, rate) for tensors, rate in groups for tensor in tensors]
+    scale, share = 1.0, last ** (1 / max(iterations - 1, 1))
     for _ in range(iterations):
         loss = evaluate()
         value = float(loss.detach())
         best.see(value)
-        if not math.isfinite(value):
+        if not value <= RISE * best.loss:
             best.restore()
-            schedule.base_lrs = [BACK * rate for rate in schedule.base_lrs]
-            for group in optimiser.param_groups:
-                group["lr"] *= BACK
+            scale, descents = BACK * scale, [Momentum(descent.tensor, descent.rate) for descent in descents]
         else:
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-            schedule.step()
+            slopes = torch.autograd.grad(loss, [descent.tensor for descent in descents], allow_unused=True)
+            for descent, slope in zip(descents, slopes, strict=True):
+                if slope is not None:
+                    descent.step(slope, scale)
+        scale *= share
         yield value
+
+
+class Momentum:
+    """Adam's two moments of one tensor, with one second moment for all of it: what pictures hardly see, behind the surface and along the line
+    of sight, is hardly moved, while Adam's own would take steps of one size everywhere and fill it with chance."""
+
+    def __init__(self, tensor: Tensor, rate: float) -> None:
+        self.tensor, self.rate, self.count = tensor, rate, 0
+        self.first, self.second = torch.zeros_like(tensor), torch.zeros((), dtype=tensor.dtype, device=tensor.device)
+
+    def step(self, slope: Tensor, scale: float) -> None:
+        """Against the slope; of root mean square rate * scale at first."""
+        self.count += 1
+        self.first.lerp_(slope, 1 - FIRST)
+        self.second.lerp_(slope.square().mean(), 1 - SECOND)
+        size = (self.second / (1 - SECOND**self.count)).sqrt().clamp_min(1e-30)
+        with torch.no_grad():
+            self.tensor -= self.rate * scale / (1 - FIRST**self.count) * self.first / size
 
 
 def whole_clip(model: Model, space: Space, begun: Descent | None, *, material: bool, iterations: int) -> Iterator[Descent]:

@@ -90,7 +90,7 @@ class Model:
         self.asked, asked = self._asked()
         box = Box.around(asked if self.follows else _passed(self.problem))
         if experiment.force_frame == "nodes" and fit.force_field == "voxels":
-            self.force = NodeForce(box, len(self.frames), self.problem.force_unit, places=len(asked), generator=generator, sizes=force).to(**place)
+            self.force = NodeForce(box, len(self.frames), self.problem.force_unit, places=asked, generator=generator, sizes=force).to(**place)
         else:
             self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.force_unit, generator=generator, sizes=force).to(**place)
         self.start = Material(*(value.detach() for value in base.at(self.x)))

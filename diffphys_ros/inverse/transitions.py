@@ -45,7 +45,7 @@ class Walk:
             self.unknowns: Unknowns = problem.layout.unpack(z, modes=forward.basis.shape[2])
             self.material = model.material(model.x)
             self.family = forward.node_force(self.unknowns, None)
-            self.start = forward.start_of(self.unknowns, *self.material)
+            self.start = forward.start_of(self.unknowns, self.material.young, self.material.poisson)
         self.here, self.frames = self.start, len(model.frames)
         self.upright = torch.linalg.inv(self.start.F)
 
@@ -66,14 +66,14 @@ class Walk:
     def go_on(self, frame: int) -> None:
         """One frame further, as the whole clip will be simulated."""
         with torch.no_grad():
-            force = self.family[frame] + self.field.decoded(self.field.features[frame]) * self.model.allowed[frame]
-            self.here = self.forward.advance(self.here, self.start, self.unknowns, *self.material, force[None], frame)[0]
+            force = self.family[frame] + self.field.decoded(self.field.features[frame : frame + 1])[0] * self.model.allowed[frame]
+            self.here = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, force[None], frame)[0]
 
     def _loss(self, sought: Tensor, window: slice) -> Tensor:
         """Of the pictures after a window's forces (paper A.12), infinite where the simulation leaves its bounds."""
         force = self.field.decoded(sought) * self.model.allowed[window]
         try:
-            states = self.forward.advance(self.here, self.start, self.unknowns, *self.material, self.family[window] + force, window.start)
+            states = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, self.family[window] + force, window.start)
         except SimulationError:
             return torch.tensor(float("inf"))
         x, F = (torch.stack([getattr(state, name) for state in states]) for name in ("x", "F"))
