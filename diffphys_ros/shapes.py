@@ -48,7 +48,7 @@ RECOVERY = {
 MPM = {
     "ghost": "truth P", "rest": "real P 3", "volume": "positive P", "density": "positive P", "young": "positive P", "poisson": "real P", "position": "real P 3",
     "velocity": "real P 3", "velocity_gradient": "real P 3 3", "deformation_gradient": "real P 3 3", "force": "real T 3", "force_weight": "real P",
-    "damping_shapes": "real P 3 m", "damping_gradients": "real P 3 3 m", "damping_frequencies": "real m", "damping_own": "?real m", "law": "text", "plane_normal": "real K 3",
+    "damping_shapes": "real P 3 m", "damping_gradients": "real P 3 3 m", "damping_frequencies": "real m", "damping_own": "?real m", "retuning": "?real m m", "law": "text", "plane_normal": "real K 3",
     "plane_offset": "real K", "plane_friction": "real K", "plane_kind": "text K", "field_force": "?real t P 3", "node": "?whole M", "node_force": "?real t M 3",
 }  # fmt: skip
 MODES = {

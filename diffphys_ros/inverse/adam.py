@@ -49,7 +49,7 @@ def lowered(groups: Groups, iterations: int, last: float, evaluate: Callable[[],
         loss = evaluate()
         value = float(loss.detach())
         best.see(value)
-        if not value <= RISE * best.loss:
+        if not (math.isfinite(value) and value <= RISE * best.loss):
             best.restore()
             scale, descents = BACK * scale, [Momentum(descent.tensor, descent.rate) for descent in descents]
         else:

@@ -79,7 +79,7 @@ def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
         "damping_gradients": damping.gradients,
         "damping_frequencies": damping.angular_frequencies,
         "damping_own": damping.own,
-    }
+    } | ({} if damping.retuning is None else {"retuning": damping.retuning})
     return MpmProblem(
         ghost=p.ghost,
         rest=p.x_rest,

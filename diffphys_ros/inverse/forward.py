@@ -287,4 +287,6 @@ class ForwardModel:
         shapes, omega = shapes[:, :DAMPED_MODES], np.sqrt(np.maximum(omega2[:DAMPED_MODES], 0.0))
         own = np.zeros_like(omega)
         own[: len(self.disc.loss)] = self.disc.loss[: len(omega)] * self.simulator.substeps / self.simulator.period_s
-        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega, own)
+        off = self.prepared.modal.retuning
+        retuning = shapes.T @ off @ shapes if off.any() and not self.layout.motion_unit.size else None  # about frame 0, where that is at rest
+        return ModalDamping.of(self.simulator, self.disc.basis @ shapes, self.disc.basis_gradient @ shapes, omega, own, retuning)

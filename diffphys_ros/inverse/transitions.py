@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -25,6 +26,9 @@ def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[D
     for frame in range(walk.frames):
         if frame >= first:
             values += walk.seek(frame)
+            if not math.isfinite(values):  # nothing that was tried could be simulated
+                yield plain_descent(space.vector(), values, frame)
+                return
         walk.go_on(frame)
         if frame >= first:
             yield plain_descent(space.vector(), values / (frame + 1), frame + 1)
@@ -74,8 +78,8 @@ class Walk:
         force = self.field.decoded(sought) * self.model.allowed[window]
         try:
             states = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, self.family[window] + force, window.start)
-        except SimulationError:
-            return torch.tensor(float("inf"))
+        except SimulationError as error:
+            return self.model.problem.objective.failed(str(error)).total
         x, F = (torch.stack([getattr(state, name) for state in states]) for name in ("x", "F"))
         picture = self.term.of_frames(np.arange(window.start, window.stop) + 1, x, self.start.x, F @ self.upright)
         before = self.field.decoded(self.field.features[window.start - 1 : window.start].detach()) if window.start else force[:0]

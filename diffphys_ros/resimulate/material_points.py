@@ -35,7 +35,8 @@ def material_points(
         nodes = NodeSet.of(grid, _renumbered(problem.node, recovery.grid, grid), device=device)
         force, push = nodes.silent(len(problem.node_force)), lambda frame: nodes.on_grid(force_scale * see(problem.node_force[frame]))  # type: ignore[index]
     frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
-    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies, problem.damping_own)
+    retuning = None if problem.retuning is None else problem.young.dtype.type(young_scale) * problem.retuning
+    damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies, problem.damping_own, retuning)
     beta = see(recovery.damping.stiffness_s)
     with torch.no_grad():
         states = simulator.rollout(

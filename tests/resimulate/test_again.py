@@ -54,7 +54,7 @@ def prepared_for(name: str) -> Prepared:
     if not settings.get("scene.at_rest", True):
         motion = {key: scale * np.arange(1.0, modal.modes + 1) ** -2 for key, scale in (("displacement", 2e-3), ("velocity", 0.05))}
         start = dataclasses.replace(start, **{f"initial_{key}": value for key, value in motion.items()})
-    if name == "by modes":
+    if name in ("by modes", "at rest"):
         modal = modal.retuned(start.young, np.array([0.05]))
     return dataclasses.replace(prepared, start=start, modal=modal)
 
@@ -133,6 +133,7 @@ LEFT_OUT = {
     "velocity gradient": ("moving", zeroed("velocity_gradient")),
     "frequencies of the damping": ("at rest", zeroed("damping_frequencies")),
     "gradients of the damping's modes": ("at rest", zeroed("damping_gradients")),
+    "frequencies as seen": ("at rest", zeroed("retuning")),
     "mass damping": ("at rest", lambda r: dataclasses.replace(r, damping=dataclasses.replace(r.damping, mass_per_s=0.0))),
     "pose": ("at rest", lambda r: dataclasses.replace(r, world_from_body=np.eye(4))),
     "substeps": ("at rest", lambda r: dataclasses.replace(r, substeps=r.substeps + 1)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -62,6 +63,31 @@ def test_an_oscillation_decays_at_half_beta_omega_squared_whatever_the_substeps(
         peaks.append(float(amplitude[-8:].mean() / amplitude[1:9].mean()))
     measured = -math.log(peaks[1] / peaks[0]) / ((frames - 8) * PERIOD_S)
     assert measured == pytest.approx(1.2, rel=0.05)
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_retuned_mode_swings_as_much_faster_and_the_other_as_before(factor: float) -> None:
+    sim, shapes, gradients, frequencies, _ = column()
+    change = torch.diag(torch.stack([(factor**2 - 1) * frequencies[0] ** 2, torch.zeros(()).double()]))
+    hz = []
+    for retuning in (None, change):
+        damping = ModalDamping(shapes, gradients, frequencies, masses(sim), period_s=PERIOD_S, retuning=retuning, rest=sim.x_rest)
+        speed = torch.tensor([0.02, 0.01]).double()
+        start = sim.rest(v=shapes @ speed, C=gradients @ speed)
+        kick = lambda state, damping=damping: damping.kick(state, 0.0)  # noqa: E731
+        with torch.no_grad():
+            path = sim.rollout(start, full(sim, YOUNG), full(sim, 0.0), torch.zeros(60, *sim.x_rest.shape), 0.0, after_frame=kick)
+        weighted = shapes * masses(sim)[:, None, None]
+        amplitude = torch.einsum("tpa,pak->tk", path.x - sim.x_rest, weighted)
+        hz.append([frequency(amplitude[:, k].numpy()) for k in range(2)])
+    assert hz[1][0] / hz[0][0] == pytest.approx(factor, rel=4e-3)
+    assert hz[1][1] / hz[0][1] == pytest.approx(1.0, rel=4e-3)
+
+
+def frequency(motion: np.ndarray) -> float:
+    """Of a swing that decays little, [rad/s], by the best fit of two neighbours to each sample (Prony)."""
+    middle, sides = motion[1:-1], motion[2:] + motion[:-2]
+    return float(np.arccos(np.clip(middle @ sides / (middle @ middle) / 2, -1, 1)) / PERIOD_S)
 
 
 def test_beta_is_differentiable():
