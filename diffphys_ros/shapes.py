@@ -49,7 +49,7 @@ MPM = {
     "ghost": "truth P", "rest": "real P 3", "volume": "positive P", "density": "positive P", "young": "positive P", "poisson": "real P", "position": "real P 3",
     "velocity": "real P 3", "velocity_gradient": "real P 3 3", "deformation_gradient": "real P 3 3", "force": "real T 3", "force_weight": "real P",
     "damping_shapes": "real P 3 m", "damping_gradients": "real P 3 3 m", "damping_frequencies": "real m", "damping_own": "?real m", "retuning": "?real m m", "law": "text", "plane_normal": "real K 3",
-    "plane_offset": "real K", "plane_friction": "real K", "plane_kind": "text K", "field_force": "?real t P 3",
+    "plane_offset": "real K", "plane_friction": "real K", "plane_kind": "text K", "field_force": "?real t P 3", "node": "?whole M", "node_force": "?real t M 3",
 }  # fmt: skip
 MODES = {
     "rest": "real N 3", "young": "positive N", "basis": "real N 3 r", "elastic": "real r r", "geometric": "real r r", "retuning": "real r r", "load": "real r 3",
@@ -155,6 +155,9 @@ def check_recovery(recovery: Recovery) -> None:
         check(vars(problem), MODES, {"N": sizes["N"], "T": sizes["T"]})
     else:
         _check_mpm(problem, sizes)
+        if problem.node is not None or problem.node_force is not None:
+            require(problem.node is not None and problem.node_force is not None, "nodes and the forces on them go together")
+            require(((problem.node >= 0) & (problem.node < np.prod(recovery.grid.size))).all(), "a force acts on nodes that the grid has not got")  # type: ignore[operator]
 
 
 def _check_mpm(problem: MpmProblem, sizes: Sizes) -> None:

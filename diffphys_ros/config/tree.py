@@ -102,8 +102,8 @@ class Segment:
 
     method: str = setting(
         "auto",
-        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion",
-        choices=("auto", "given", "motion", "otsu", "sam"),
+        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion; flow: everything that moves however little, strands and holes as they are",
+        choices=("auto", "given", "motion", "flow", "otsu", "sam"),
     )
     model: str | None = setting(None, "SAM or SAM 2 checkpoint of transformers: a folder or a hub id; its prompt is box_px, point_px or what moves")
     box_px: list[float] | None = setting(None, "box around the object in frame 0: left top right bottom", unit="px", length=4)
@@ -231,9 +231,22 @@ class Experiment:
     track_window_px: int = setting(15, "side of the window that is matched", unit="px", low=5, high=63)
     track_round_trip_px: float = setting(0.4, "largest forward-backward error of a track", unit="px", low=0.01, high=10.0)
     mode_count: int = setting(8, "eigenmodes kept for the start values", low=1, high=40)
-    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions", choices=("auto", "modes", "joint", "linear"))
-    force_frame: str = setting("rest", "where a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space (paper Eq. 9)", choices=("rest", "current"))
-    field_iterations: int = setting(40, "iterations of L-BFGS for fields that are more than constants per part and vectors per frame", low=1, high=100_000)
+    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions; paper: the published one, for config/paper.yaml", choices=("auto", "modes", "joint", "linear", "paper"))
+    force_frame: str = setting("rest", "where a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space; nodes: at the nodes of the simulator's grid, on which it acts (paper Eq. 9), with the schedule paper", choices=("rest", "current", "nodes"))
+    field_iterations: int = setting(40, "iterations for fields that are more than constants per part and vectors per frame: of L-BFGS, with the schedule paper of Adam over the whole clip", low=1, high=100_000)
+    material_nodes: int = setting(24, "nodes of the planes of a material field along the body's longest side (paper Eq. 8)", low=2, high=512)
+    material_channels: int = setting(16, "length of its feature vectors", low=1, high=256)
+    force_voxels: int = setting(10, "voxels of a force field along the body's longest side (paper Eq. 9)", low=2, high=512)
+    force_plane_nodes: int = setting(16, "nodes of the planes of a force field along the body's longest side (paper A.8)", low=2, high=512)
+    force_channels: int = setting(8, "length of the feature vectors of a force field", low=1, high=256)
+    decoder_width: int = setting(32, "width of the two hidden layers behind features", low=1, high=1024)
+    transition_iterations: int = setting(150, "schedule paper: iterations of Adam from one frame to the next (paper appendix D); 0: all frames are sought at once", low=0, high=100_000)
+    transition_window: int = setting(3, "schedule paper: frames ahead by which the force of one is judged; 1: the next alone, after which forces of both signs follow each other", low=1, high=100)
+    warm_up_share: float = setting(0.25, "schedule paper: share of the iterations over the whole clip in which the material rests (paper section 3.5)", low=0.0, high=1.0)
+    force_rate: float = setting(0.03, "schedule paper: first step of Adam for features of the force", low=1e-6, high=10.0)
+    material_rate: float = setting(0.003, "schedule paper: that for the material field, and for the decoder of the force", low=1e-6, high=10.0)
+    last_rate: float = setting(0.1, "schedule paper: last step of Adam over the first", low=1e-6, high=1.0)
+    mask_margin_px: int = setting(0, "pixels around the object's mask that count in the image term as well, so that its outline does", unit="px", low=0, high=200)
     force_smoothness: float = setting(1e-3, "weight of the roughness of a force field (paper A.14)", low=0.0, high=1e3)
     max_substeps: int = setting(2000, "most substeps per frame; bounds the allowed Young's modulus, not the time step", low=4, high=100_000)
     image_weight: float = setting(1.0, "weight of the image term; at 1 it bends the loss about as much as the track term", low=0.0, high=1e3)

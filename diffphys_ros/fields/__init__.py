@@ -2,8 +2,8 @@
 
 from .box import Box
 from .decoder import Bounds
-from .force import FORCE_FIELDS, ForceField
-from .material import MATERIAL_FIELDS, Believed, Material, MaterialField
+from .force import FORCE_FIELDS, ForceField, ForceSizes, NodeForce
+from .material import MATERIAL_FIELDS, Believed, Material, MaterialField, MaterialSizes
 from .pretrain import pretrain
 from .smoothness import Smoothness
 
@@ -14,8 +14,11 @@ __all__ = [
     "Bounds",
     "Box",
     "ForceField",
+    "ForceSizes",
     "Material",
     "MaterialField",
+    "MaterialSizes",
+    "NodeForce",
     "Smoothness",
     "pretrain",
 ]

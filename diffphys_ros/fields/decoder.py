@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-HIDDEN = 32
+HIDDEN = 32  # width of a perceptron, where nobody says
+SLOPE = 4.0  # of the last weights: the two layers before halve a small signal each
 BORDER = 0.02  # of the bounds' width: a value nearer to an end moves as one so far off, else it could not leave
 
 
 class Decoder(nn.Module):
     """Perceptron of two hidden layers whose output is zero for every input until it is trained."""
 
-    def __init__(self, channels: int, out: int, *, generator: torch.Generator):
+    def __init__(self, channels: int, out: int, *, generator: torch.Generator, hidden: int = HIDDEN):
         super().__init__()
-        self.layers = nn.Sequential(nn.Linear(channels, HIDDEN), nn.SiLU(), nn.Linear(HIDDEN, HIDDEN), nn.SiLU(), nn.Linear(HIDDEN, out))
+        self.layers = nn.Sequential(nn.Linear(channels, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), nn.Linear(hidden, out))
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
         with torch.no_grad():
             for layer in linear[:-1]:
@@ -25,6 +26,13 @@ class Decoder(nn.Module):
                 layer.bias.zero_()
             linear[-1].weight.zero_()
             linear[-1].bias.zero_()
+
+    def awaken(self, generator: torch.Generator) -> None:
+        """Zero from now on where features are zero, and there alone: a step of size one in the features changes each output by about one."""
+        last = self.layers[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            last.weight.normal_(0.0, SLOPE / math.sqrt(last.in_features), generator=generator)
 
     def forward(self, features: Tensor) -> Tensor:
         """Values (..., out) of features (..., channels)."""

@@ -15,11 +15,20 @@ from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
 from .box import Box
-from .decoder import Bounds, Decoder
+from .decoder import HIDDEN, Bounds, Decoder
 from .triplane import Triplane
 
 POISSON_BOUNDS = Bounds(0.0, 0.49)
 NODES, CHANNELS = 24, 16  # along the longest side of the box; of a feature vector
+
+
+@dataclass(frozen=True)
+class MaterialSizes:
+    """How fine a material field is."""
+
+    nodes: int = NODES  # of a plane, along the longest side of the box
+    channels: int = CHANNELS  # of a feature vector
+    hidden: int = HIDDEN  # width of the decoders
 
 
 class Material(NamedTuple):
@@ -54,7 +63,7 @@ class MaterialField(nn.Module):
 class PartMaterial(MaterialField):
     """One modulus and one ratio for all points that carry the same values in the belief (paper: a constant per part)."""
 
-    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator):
+    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator, sizes: MaterialSizes | None = None):
         super().__init__()
         self.believed, self.bounds = believed, bounds
         self.levels, self.level = np.unique(np.stack([believed.young, believed.poisson], -1), axis=0, return_inverse=True)
@@ -69,11 +78,12 @@ class PartMaterial(MaterialField):
 class TriplaneMaterial(MaterialField):
     """Triplane features and two bounded heads (paper Eq. 8); knows nothing until it is pretrained."""
 
-    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator):
+    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator, sizes: MaterialSizes | None = None):
         super().__init__()
+        sizes = sizes or MaterialSizes()
         self.bounds, self.box = bounds, Box.around(believed.points)
-        self.features = Triplane(self.box.cells(NODES), channels=CHANNELS, generator=generator)
-        self.young, self.poisson = (Decoder(CHANNELS, 1, generator=generator) for _ in range(2))
+        self.features = Triplane(self.box.cells(sizes.nodes), channels=sizes.channels, generator=generator)
+        self.young, self.poisson = (Decoder(sizes.channels, 1, generator=generator, hidden=sizes.hidden) for _ in range(2))
 
     def raw(self, x: Tensor) -> Tensor:
         """What the two heads say before bounds, (P, 2)."""
@@ -88,8 +98,8 @@ class TriplaneMaterial(MaterialField):
 class ResidualMaterial(TriplaneMaterial):
     """The belief, corrected by triplane features and two heads (paper A.7); exactly the belief until it is trained."""
 
-    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator):
-        super().__init__(believed, bounds, generator=generator)
+    def __init__(self, believed: Believed, bounds: Bounds, *, generator: torch.Generator, sizes: MaterialSizes | None = None):
+        super().__init__(believed, bounds, generator=generator, sizes=sizes)
         self.believed = believed
 
     def forward(self, x: Tensor) -> Material:

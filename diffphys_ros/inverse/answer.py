@@ -55,7 +55,7 @@ def simulated_answer(forward: ForwardModel, terms: Terms) -> Core:
         disc.particles.density if motion.density is None else array(motion.density),
         array(motion.displacement),
         array(motion.F),
-        array(unknowns.force),
+        np.zeros_like(array(unknowns.force)) if motion.node_force is not None else array(unknowns.force),
         None if motion.field_force is None else array(motion.field_force),
         array(motion.start.v),
         unknowns.damping.numbers(),
@@ -73,7 +73,7 @@ def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
         "velocity": start.v,
         "velocity_gradient": start.C,
         "deformation_gradient": start.F,
-        "force": motion.unknowns.force,
+        "force": motion.unknowns.force if motion.node_force is None else torch.zeros_like(motion.unknowns.force),
         "force_weight": forward.weights,
         "damping_shapes": damping.shapes,
         "damping_gradients": damping.gradients,
@@ -91,7 +91,9 @@ def mpm_problem(forward: ForwardModel, motion: Motion) -> MpmProblem:
         plane_offset=np.array([plane.offset_m for plane in planes], float),
         plane_friction=np.array([plane.friction for plane in planes], float),
         plane_kind=np.array([plane.kind for plane in planes], str),
-        field_force=None if motion.field_force is None else as_simulated(motion.field_force),
+        field_force=None if motion.field_force is None or motion.node_force is not None else as_simulated(motion.field_force),
+        node=None if forward.nodes is None else forward.nodes.number.cpu().numpy(),
+        node_force=None if motion.node_force is None else as_simulated(motion.node_force),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..particles import held_by
 from ..progress import ForceSoFar, Progress
+from .adam import whole_clip
 from .checkpoint import Checkpoint, First, Stored
 from .clock import Clock, OutOfTimeError
 from .descent import Descent, Space, begin, descend
@@ -19,6 +20,7 @@ from .model import Model
 from .modulus_scan import best_scale
 from .stages import Stage
 from .stages.constants import room
+from .transitions import transitions
 
 POOR = 0.08  # track loss at the start above which it is taken to lie in a wrong valley; 0.5 is the frozen first frame
 
@@ -80,8 +82,8 @@ def _stage(fitted: Fitted, stages: list[Stage], number: int, state: Descent | No
             raise checkpoint.another()
         space.assign(state.at)
     try:
-        loss = (yield from _entered(model, stage)) if state is None else None
-        for here in islice(_states(model, stage, space, state, loss), max(until - len(losses), 0)):
+        loss = (yield from _entered(model, stage)) if state is None and stage.way == "lbfgs" else None
+        for here in islice(WAYS[stage.way](model, stage, space, state, loss), max(until - len(losses), 0)):
             state = here
             losses.append(state.value)
             fitted.value = state.value
@@ -109,6 +111,21 @@ def _states(model: Model, stage: Stage, space: Space, state: Descent | None, los
         state = begin(space, loss)
         yield state
     yield from descend(space, lambda: model().total, state, stage.rules)
+
+
+def _by_adam(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
+    yield from whole_clip(model, space, state, material="material_field" in stage.free, iterations=stage.states)
+
+
+def _frame_by_frame(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
+    yield from transitions(model, space, state)
+
+
+WAYS: dict[str, Callable[[Model, Stage, Space, Descent | None, Tensor | None], Iterator[Descent]]] = {
+    "lbfgs": _states,
+    "adam": _by_adam,
+    "transitions": _frame_by_frame,
+}
 
 
 def _entered(model: Model, stage: Stage) -> Generator[Progress, None, Tensor]:

@@ -10,7 +10,7 @@ import torch
 
 from ..errors import SimulationError
 from ..particles import DensePoints, downsample, fill, fit_grid
-from ..simulate import ModalDamping, Plane, Push, Simulator, State, substeps_per_frame
+from ..simulate import ModalDamping, NodeSet, Plane, Push, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
 from .apparent_stiffness import UNMEASURED, measure_apparent, motion_share
 from .linear import linear_coordinates
@@ -36,6 +36,7 @@ class Motion:
     poisson: torch.Tensor  # as simulated, (P,)
     density: torch.Tensor | None = None  # as simulated [kg/m^3], (P,); None: that of the particles
     field_force: torch.Tensor | None = None  # its share on top of the family's [N/m^3], (T - 1, P, 3)
+    node_force: torch.Tensor | None = None  # where forces act on nodes: all of it [N/m^3], (T - 1, M, 3), of which the others are the picture
 
     @property
     def displacement(self) -> torch.Tensor:
@@ -106,9 +107,10 @@ class ForwardModel:
         law: str,
         planes: tuple[Plane, ...] = (),
         simulates: bool = True,
+        nodal: bool = False,
     ):
-        """`simulates`: whether it will be asked for motions; else no substeps are laid out."""
-        self.simulates = simulates
+        """`simulates`: whether it will be asked for motions; else no substeps are laid out. `nodal`: forces act on the grid's nodes."""
+        self.simulates, self.nodal = simulates, nodal
         self.prepared, self.disc, self.layout, self.device, self.dtype = prepared, disc, layout, device, dtype
         self.law, self.planes = law, planes
         self._simulator: Simulator | None = None
@@ -119,6 +121,12 @@ class ForwardModel:
         self.weights, self.poisson = tensor(weights), tensor(p.poisson)
         self.part = torch.as_tensor(p.part - 1, device=device)
         self.basis, self.basis_gradient = tensor(disc.basis), tensor(disc.basis_gradient)
+        self.nodes = self._nodes() if nodal else None
+
+    def _nodes(self) -> NodeSet:
+        """Those that particles touch; where they keep their weights, wherever they go."""
+        reach = 0.0 if self.simulator.anchored else reach_of(self.prepared)
+        return NodeSet.around(self.disc.grid, self.disc.particles.x_rest, reach_m=reach, device=self.device)
 
     def capture(self, young: np.ndarray) -> None:
         """Lay out the substeps anew for moduli (n,) [Pa]."""
@@ -140,6 +148,7 @@ class ForwardModel:
             planes=self.planes,
             batch=batch,
             frames=len(clip) - 1,
+            force_on="nodes" if self.nodal else "particles",
         )
 
     def ensure_substeps(self, young: np.ndarray) -> bool:
@@ -159,7 +168,8 @@ class ForwardModel:
         report: Callable[[float], None] | None = None,
     ) -> Motion:
         """Motion with E [Pa] of every particle (P,), a Poisson's ratio (P,) in place of the particles' own, and a force density
-        [N/m^3] on top of the family's: (T - 1, P, 3), or a function of where the particles are. Raises SimulationError."""
+        [N/m^3] on top of the family's: (T - 1, P, 3), or a function of where the particles are; (T - 1, M, 3) where forces act on nodes. Raises
+        SimulationError."""
         poisson = self._poisson(unknowns, field_poisson)
         start = self._start(unknowns, young, poisson, self.simulator)
         acted: list[torch.Tensor] = []
@@ -168,11 +178,46 @@ class ForwardModel:
             acted.append(field_force(state.x, frame) if callable(field_force) else field_force[frame])  # type: ignore[index]
             return acted[-1]
 
-        path = self._path(self.simulator, unknowns, start, young, poisson, None if field_force is None else push, report)
+        on_nodes = None if self.nodes is None else self.node_force(unknowns, field_force)  # type: ignore[arg-type]
+        pushes = None if field_force is None and on_nodes is None else push if on_nodes is None else lambda _, frame: self.nodes.on_grid(on_nodes[frame])  # type: ignore[union-attr]
+        path = self._path(self.simulator, unknowns, start, young, poisson, pushes, report)
         states = State(torch.stack([state.data for state in path]))
         since0 = states.F @ torch.linalg.inv(start.F)[None]
-        of_field = torch.stack(acted) if acted else None
-        return Motion(states.x, since0, self.density_of(unknowns.force, of_field), unknowns, start, young, poisson, self._density(unknowns), of_field)
+        of_field = torch.stack(acted) if acted else None if on_nodes is None else self.at_particles(on_nodes)
+        force = self.density_of(unknowns.force, of_field) if on_nodes is None else of_field
+        assert force is not None
+        return Motion(states.x, since0, force, unknowns, start, young, poisson, self._density(unknowns), of_field, on_nodes)
+
+    def start_of(self, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor) -> State:
+        """Frame 0."""
+        return self._start(unknowns, young, poisson, self.simulator)
+
+    def advance(
+        self, state: State, anchor: State, unknowns: Unknowns, young: torch.Tensor, poisson: torch.Tensor, on_nodes: torch.Tensor, first: int
+    ) -> list[State]:
+        """The states after each of the frames in which forces on_nodes (K, M, 3) [N/m^3] act, from that at frame `first` of a motion which began at
+        `anchor`: what `simulate` has there, differentiable. Raises SimulationError."""
+        assert self.nodes is not None
+        found, density = [], self._density(unknowns)
+        for number, force in enumerate(on_nodes, first):
+            state = self.simulator.frame(
+                state, young, poisson, self.nodes.on_grid(force), unknowns.damping.mass_per_s, density=density, anchor=anchor, number=number
+            )
+            state = self.damping.kick(state, unknowns.damping.stiffness_s)
+            found.append(state)
+        return found
+
+    def node_force(self, unknowns: Unknowns, field: torch.Tensor | None) -> torch.Tensor:
+        """Force densities on the nodes (T - 1, M, 3) [N/m^3]: the family's, and a field's (T - 1, M, 3) on top."""
+        assert self.nodes is not None
+        weights = self.simulator.tensor(self.prepared.start.footprint.weights(self.nodes.places(self.disc.grid)))
+        family = unknowns.force[:-1, None, :] * weights[None, :, None]
+        return family if field is None else family + field
+
+    def at_particles(self, on_nodes: torch.Tensor) -> torch.Tensor:
+        """What forces on nodes (T - 1, M, 3) come to at the particles, at rest (T - 1, P, 3): the same net force."""
+        assert self.nodes is not None
+        return self.nodes.at_particles(self.disc.grid, self.disc.particles.x_rest, on_nodes.detach())
 
     def density_of(self, force: torch.Tensor, of_field: torch.Tensor | np.ndarray | None = None) -> torch.Tensor:
         """Force density (T - 1, P, 3) [N/m^3] of the family's amplitudes (T, 3) and a field (T - 1, P, 3) on top of it."""
@@ -216,7 +261,7 @@ class ForwardModel:
             start,
             young,
             poisson,
-            self.density_of(unknowns.force),
+            self.density_of(unknowns.force) if self.nodes is None else self.nodes.silent(len(unknowns.force) - 1).to(young),
             unknowns.damping.mass_per_s,
             density=self._density(unknowns),
             push=push,

@@ -7,8 +7,23 @@ from collections.abc import Collection
 import numpy as np
 import torch
 
+from ..config import Experiment
 from ..errors import SimulationError
-from ..fields import FORCE_FIELDS, MATERIAL_FIELDS, Believed, Bounds, Box, ForceField, Material, MaterialField, Smoothness, pretrain
+from ..fields import (
+    FORCE_FIELDS,
+    MATERIAL_FIELDS,
+    Believed,
+    Bounds,
+    Box,
+    ForceField,
+    ForceSizes,
+    Material,
+    MaterialField,
+    MaterialSizes,
+    NodeForce,
+    Smoothness,
+    pretrain,
+)  # fmt: skip
 from ..simulate.stability import wave_speed
 from .descent import Space
 from .forward import reach_of
@@ -35,6 +50,7 @@ class Model:
         sizes = {name: place.stop - place.start for name, place in problem.layout.slices.items()}
         self.blocks = {name: torch.nn.Parameter(torch.zeros(size, dtype=torch.float64)) for name, size in sizes.items()}
         self.engine, self.evidence = problem.engines["mpm"], tuple(problem.objective.evidence)
+        self.published = problem.settings.experiment.schedule == "paper"
         self.material: MaterialField | None = None
         self.force: ForceField | None = None
         self.put(problem.layout.start if z is None else z)
@@ -68,16 +84,29 @@ class Model:
         bounds = _bounds(self.problem, base)
         generator, place = torch.Generator().manual_seed(experiment.seed), forward.simulator.options
         self.x, self.frames = forward.simulator.x_rest, torch.arange(len(self.problem.prepared.clip) - 1, device=forward.device)
-        self.material = MATERIAL_FIELDS[fit.material_field](base, bounds, generator=generator).to(**place)
-        self.follows = experiment.force_frame == "rest"
-        box = Box.around(base.points if self.follows else _passed(self.problem))
-        self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.force_unit, generator=generator).to(**place)
+        material, force = sizes(experiment)
+        self.material = MATERIAL_FIELDS[fit.material_field](base, bounds, generator=generator, sizes=material).to(**place)
+        self.follows = experiment.force_frame != "current"
+        self.asked, asked = self._asked()
+        box = Box.around(asked if self.follows else _passed(self.problem))
+        if experiment.force_frame == "nodes" and fit.force_field == "voxels":
+            self.force = NodeForce(box, len(self.frames), self.problem.force_unit, places=asked, generator=generator, sizes=force).to(**place)
+        else:
+            self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.force_unit, generator=generator, sizes=force).to(**place)
         self.start = Material(*(value.detach() for value in base.at(self.x)))
         if fit.material_field == "triplane":
             pretrain(self.material, self.x, self.start, bounds)
-        self.smoothness = Smoothness.of(base.points, device=forward.device)
+        self.smoothness = Smoothness.of(asked, device=forward.device)
         self.allowed = forward.simulator.tensor(_allowed(self.problem))[:, None, None]
         self.tightness = forward.simulator.tensor(_tightness(self.problem))
+
+    def _asked(self) -> tuple[torch.Tensor, np.ndarray]:
+        """Where a force field is asked while that does not move: at rest positions, or at the nodes that it acts on, (K, 3) [m]."""
+        forward = self.problem.forward
+        if forward.nodes is None:
+            return self.x, self.problem.disc.particles.x_rest
+        places = forward.nodes.places(self.problem.disc.grid)
+        return forward.simulator.tensor(places), places
 
     def __call__(self) -> Terms:
         """The loss of the unknowns as they are, infinite where the simulation leaves its bounds."""
@@ -93,7 +122,8 @@ class Model:
             return objective.failed(str(error))
         terms = objective.terms(z, motion, self.evidence)
         if material is not None and motion.field_force is not None:
-            extra = self._field_prior(material, motion.field_force / self.problem.force_unit).double().cpu()
+            acted = motion.field_force if motion.node_force is None else motion.node_force
+            extra = self._field_prior(material, acted / self.problem.force_unit).double().cpu()
             terms.parts["fields"] = float(extra.detach())
             terms.total = terms.total + extra
         return terms
@@ -102,7 +132,7 @@ class Model:
         """A force field's densities, or the function that gives them where particles are; None without a field."""
         if self.force is None:
             return None
-        return self.force(self.x, self.frames) * self.allowed if self.follows else self._force_at
+        return self.force(self.asked, self.frames) * self.allowed if self.follows else self._force_at
 
     def _force_at(self, x: torch.Tensor, frame: int) -> torch.Tensor:
         """Where the particles are at the start of a frame (paper Eq. 9)."""
@@ -110,7 +140,10 @@ class Model:
         return self.force(x, self.frames[frame : frame + 1])[0] * self.allowed[frame]
 
     def _field_prior(self, material: Material, force: torch.Tensor) -> torch.Tensor:
-        """What `Prior` asks of constants and vectors, of fields: near what those ended with, small and smooth."""
+        """What `Prior` asks of constants and vectors, of fields: near what those ended with, small and smooth; smooth alone where the loss is
+        the published one (A.12)."""
+        if self.published:
+            return self.problem.settings.experiment.force_smoothness * self.smoothness(force)
         away = (material.young / self.start.young).log().square() @ self.tightness
         ratio = ((material.poisson - self.start.poisson) / POISSON_UNIT).square().mean()
         size = FORCE * force.square().sum(-1).mean() + self.problem.settings.experiment.force_smoothness * self.smoothness(force)
@@ -125,6 +158,13 @@ class Model:
             as_stiff = young * (wave_speed(1.0, poisson, 1.0) / wave_speed(1.0, p.poisson, 1.0)) ** 2
             least = np.array([as_stiff[p.part == k + 1].max(initial=e) for k, e in enumerate(least)])
         forward.ensure_substeps(least)
+
+
+def sizes(experiment: Experiment) -> tuple[MaterialSizes, ForceSizes]:
+    """How fine fields are."""
+    e = experiment
+    material = MaterialSizes(e.material_nodes, e.material_channels, e.decoder_width)
+    return material, ForceSizes(e.force_voxels, e.force_plane_nodes, e.force_channels, e.decoder_width)
 
 
 def _base(problem: Problem, z: np.ndarray) -> Believed:

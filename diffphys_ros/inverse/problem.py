@@ -11,6 +11,7 @@ from scipy.ndimage import binary_dilation
 
 from ..config import Settings
 from ..devices import usable
+from ..errors import InputError
 from ..particles import DensePoints, bind, dense_points
 from ..types import Body, Splats, StartValues
 from .carried import CarriedGaussians
@@ -94,7 +95,7 @@ def problem_on(
     layout = Layout.of(start, body, force_unit=force_unit * _concentration(prepared), initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     planes = floor_planes(body, disc.particles, settings.scene, prepared.clip.camera, dx=plan.dx)
-    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates)
+    forward = ForwardModel(prepared, disc, layout, device=device, dtype=dtype, law=law_to_fit(settings), planes=planes, simulates=plan.simulates, nodal=_nodal(settings))
     binding = bind(target.rest_points, disc.particles.x_rest)
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
@@ -104,6 +105,14 @@ def problem_on(
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
     return Problem(prepared, settings, plan, disc, layout, force_unit, target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+
+
+def _nodal(settings: Settings) -> bool:
+    """Whether forces act on the grid's nodes. Raises InputError where the schedule begins with forces that act on particles."""
+    experiment = settings.experiment
+    if experiment.force_frame == "nodes" and experiment.schedule != "paper":
+        raise InputError(f"experiment.force_frame is nodes with experiment.schedule {experiment.schedule}; choose the schedule paper, or rest or current")
+    return experiment.force_frame == "nodes"
 
 
 def _concentration(prepared: Prepared) -> float:

@@ -19,6 +19,7 @@ from .model import Model
 from .prepared import Prepared
 from .prescribed import prescribed
 from .problem import Problem, pose_problem
+from .published import as_published
 from .second_reading import fitted_again
 from .stages import schedule
 from .zones import divided, in_parts, zones_of
@@ -33,7 +34,9 @@ def solve(
     checkpoint.bind(prepared.clip, settings, begun=start_scale)
     settings = suited(prepared, settings)
     prepared = prescribed(prepared, settings)
-    zones = yield from zones_of(prepared, settings)
+    if settings.experiment.schedule == "paper":
+        prepared = as_published(prepared, settings.fit.hold)
+    zones = None if settings.experiment.schedule == "paper" else (yield from zones_of(prepared, settings))
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(usable(settings.fit.device))
     problem = pose_problem(divided(prepared, zones), splats, settings, start_scale=start_scale)

@@ -59,10 +59,14 @@ def let_free(problem: MpmProblem | ModalProblem, frames: int) -> MpmProblem | Mo
     if not frames:
         return problem
     force = np.concatenate([problem.force[:-1], np.zeros((frames + 1, *problem.force.shape[1:]), problem.force.dtype)])
-    if not isinstance(problem, MpmProblem) or problem.field_force is None:
+    if not isinstance(problem, MpmProblem):
         return replace(problem, force=force)
-    field = problem.field_force
-    return replace(problem, force=force, field_force=np.concatenate([field, np.zeros((frames, *field.shape[1:]), field.dtype)]))
+    return replace(problem, force=force, field_force=_longer(problem.field_force, frames), node_force=_longer(problem.node_force, frames))
+
+
+def _longer(field: np.ndarray | None, frames: int) -> np.ndarray | None:
+    """A force that lasts so many frames longer, as zero."""
+    return None if field is None else np.concatenate([field, np.zeros((frames, *field.shape[1:]), field.dtype)])
 
 
 def _check(device: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from ..simulate import ModalDamping, Plane, Simulator, State, substeps_per_frame
+from ..simulate import ModalDamping, NodeSet, Plane, Simulator, State, substeps_per_frame
 from ..types import Grid, MpmProblem, Particles, Recovery
 
 
@@ -28,8 +28,12 @@ def material_points(
     simulator = _simulator(recovery, problem, grid, substeps, device)
     see = simulator.tensor
     start = State.assemble(*map(see, (problem.position, problem.velocity, problem.velocity_gradient, problem.deformation_gradient)))
-    force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
-    field = None if problem.field_force is None else force_scale * see(problem.field_force)
+    if problem.node is None or problem.node_force is None:
+        force = force_scale * see(problem.force)[:-1, None, :] * see(problem.force_weight)[None, :, None]
+        push = None if problem.field_force is None else (force_scale * see(problem.field_force)).__getitem__
+    else:
+        nodes = NodeSet.of(grid, _renumbered(problem.node, recovery.grid, grid), device=device)
+        force, push = nodes.silent(len(problem.node_force)), lambda frame: nodes.on_grid(force_scale * see(problem.node_force[frame]))  # type: ignore[index]
     frequencies = problem.damping_frequencies * problem.young.dtype.type(young_scale) ** 0.5
     retuning = None if problem.retuning is None else problem.young.dtype.type(young_scale) * problem.retuning
     damping = ModalDamping.of(simulator, problem.damping_shapes, problem.damping_gradients, frequencies, problem.damping_own, retuning)
@@ -41,7 +45,7 @@ def material_points(
             see(problem.poisson),
             force,
             see(recovery.damping.mass_per_s),
-            push=None if field is None else lambda state, frame: field[frame],
+            push=None if push is None else lambda state, frame: push(frame),
             after_frame=lambda state: damping.kick(state, beta),
             report=report,
         )
@@ -63,6 +67,13 @@ def _roomier(recovery: Recovery, further: float) -> Grid:
     return Grid(grid.origin - cells * grid.dx, grid.dx, (nx, ny, nz), held)
 
 
+def _renumbered(node: np.ndarray, before: Grid, grid: Grid) -> np.ndarray:
+    """Flat numbers of the same nodes in a grid with as many more cells on all sides."""
+    more = np.rint((before.origin - grid.origin) / grid.dx).astype(int)
+    index = np.stack(np.unravel_index(node, before.size), -1) + more
+    return np.ravel_multi_index(tuple(index.T), grid.size)
+
+
 def _simulator(recovery: Recovery, problem: MpmProblem, grid: Grid, substeps: int, device: str) -> Simulator:
     part = np.ones(len(problem.rest), np.uint8)  # the simulator knows particles alone
     particles = Particles(problem.rest, problem.volume, part, problem.density, problem.poisson.astype(float), problem.ghost)
@@ -76,5 +87,6 @@ def _simulator(recovery: Recovery, problem: MpmProblem, grid: Grid, substeps: in
         device=device,
         dtype=torch.from_numpy(problem.young).dtype,
         law=problem.law,
+        force_on="particles" if problem.node is None else "nodes",
         planes=tuple(Plane(normal, float(offset), str(kind), float(friction)) for normal, offset, kind, friction in planes),
     )

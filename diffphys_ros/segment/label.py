@@ -10,6 +10,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..picture import side_of
 from ..types import IGNORE, Clip, object_mask
+from .flow import flow_mask
 from .given import given_mask
 from .motion import motion_mask
 from .otsu import otsu_mask
@@ -22,6 +23,7 @@ from .sam import sam_mask
 LEAST_SIDE_PX = 32  # of a frame: OpenCV's optical flow reads beyond the images of its pyramid where one is a narrow strip
 
 METHODS: dict[str, Callable[[Clip, Settings, Mark], np.ndarray]] = {
+    "flow": flow_mask,
     "given": given_mask,
     "motion": motion_mask,
     "otsu": otsu_mask,

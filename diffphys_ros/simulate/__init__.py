@@ -5,6 +5,7 @@ from .damping import ModalDamping
 from .force_lattice import ForceLattice
 from .handle import substep_poses
 from .lattice_modes import lattice_modes
+from .node_set import NodeSet
 from .stability import max_young, substeps_per_frame
 from .state import State
 from .transition import Push, Simulator
@@ -13,6 +14,7 @@ __all__ = [
     "ForceLattice",
     "Handle",
     "ModalDamping",
+    "NodeSet",
     "Plane",
     "Push",
     "Simulator",

@@ -39,6 +39,8 @@ class MpmProblem:
     damping_own: np.ndarray | None = None  # rates at which the solver alone makes these modes decay, given back once a frame [1/s], shape (m,)
     retuning: np.ndarray | None = None  # added to the stiffness of these modes about rest, once a frame [1/s^2], shape (m, m)
     field_force: np.ndarray | None = None  # on top of force * force_weight [N/m^3], as it acted, shape (T - 1, P, 3)
+    node: np.ndarray | None = None  # nodes of the grid that a force acts on, as flat numbers in the order of its size, shape (M,)
+    node_force: np.ndarray | None = None  # on these, and then on nothing else [N/m^3], shape (T - 1, M, 3)
 
 
 @dataclass(frozen=True)

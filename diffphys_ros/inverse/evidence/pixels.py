@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_dilation, binary_erosion
 from torch.utils.checkpoint import checkpoint
 
 from ...inpaint import scene_behind
 from ...metrics.image import depth_loss, image_loss, known_depth
 from ...render import window_around
-from ...types import Clip, object_mask
+from ...types import IGNORE, Clip, object_mask
 from ..carried import CarriedGaussians
 from ..prepared import Prepared
 from .told import Evidence, Moved, Told
@@ -42,14 +43,24 @@ def pixel_evidence(told: Told) -> Evidence | None:
     if told.shown is None or not (w.image_weight > 0 or w.depth_weight > 0):
         return None
     with_depth = w.depth_weight > 0 and told.prepared.tracks.has_depth
-    term = ImageTerm(told.prepared, told.shown, every=told.every, ssim_weight=w.ssim_weight, with_depth=with_depth)
+    term = ImageTerm(told.prepared, told.shown, every=told.every, ssim_weight=w.ssim_weight, with_depth=with_depth, margin_px=w.mask_margin_px)
     term.calibrate(told.x_rest)
+    return PixelEvidence(term, w.image_weight, w.depth_weight, told.target.mean_square)
 
-    def misfit(moved: Moved) -> dict[str, torch.Tensor]:
-        image, depth = term(moved.x, moved.F, told.target.mean_square)
-        return {"image": w.image_weight * image.double(), "depth": w.depth_weight * depth.double()}
 
-    return misfit
+@dataclass(frozen=True)
+class PixelEvidence:
+    """The two misfits of pictures, weighted."""
+
+    term: ImageTerm
+    image_weight: float
+    depth_weight: float
+    mean_square: float  # of the observed motion [m^2]
+
+    def __call__(self, moved: Moved) -> dict[str, torch.Tensor]:
+        """Of a whole clip."""
+        image, depth = self.term(moved.x, moved.F, self.mean_square)
+        return {"image": self.image_weight * image.double(), "depth": self.depth_weight * depth.double()}
 
 
 class _Misfits(NamedTuple):
@@ -69,18 +80,20 @@ class ImageTerm:
     with the square of the displacement and is as large as the frozen frame's where the texture no longer overlaps, TEXTURE_PX away.
     """
 
-    def __init__(self, prepared: Prepared, renderer: CarriedGaussians, *, every: int, ssim_weight: float, with_depth: bool):
+    def __init__(self, prepared: Prepared, renderer: CarriedGaussians, *, every: int, ssim_weight: float, with_depth: bool, margin_px: int = 0):
         clip = prepared.clip
         assert clip.labels is not None
         self.renderer, self.ssim_weight = renderer, ssim_weight
         chosen = np.arange(every, len(clip), every)
         self.frames = chosen[clip.seen[chosen]]
-        self.window = window_around(object_mask(clip.labels), MARGIN_PX)
+        self.window = window_around(object_mask(clip.labels), max(MARGIN_PX, margin_px + 1))
         left, top, right, bottom = self.window
         crop = (self.frames, slice(top, bottom), slice(left, right))  # a copy of these pixels alone
         device, mask = renderer.mean.device, object_mask(clip.labels[crop])
+        known = clip.labels[crop] != IGNORE
+        counted = binary_dilation(mask, _ACROSS, margin_px) & known if margin_px else mask
         self.observed = torch.as_tensor(clip.frames[crop], device=device)  # 0..255
-        self.mask = torch.as_tensor(mask, device=device)
+        self.mask = torch.as_tensor(counted, device=device)
         self.depth = self.measured = None
         if with_depth and clip.depth is not None:
             interior = torch.as_tensor(binary_erosion(mask, _ACROSS, EDGE_PX), device=device)
@@ -101,6 +114,15 @@ class ImageTerm:
         motion [m^2]. The latter is 0 where the clip has no depth."""
         found = self._misfits(x[self.frames], x[0], F[self.frames], mean_square)
         return 0.5 * self.overlap * found.image / self.frozen, 0.5 * found.depth / mean_square
+
+    def of_frames(self, numbers: np.ndarray, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
+        """The image term of neighbouring frames `numbers` (S,) alone, with particles x (S, P, 3) and F (S, P, 3, 3) there; 0 where none of them
+        is looked at."""
+        chosen, seen = np.flatnonzero(np.isin(self.frames, numbers)), np.isin(numbers, self.frames)
+        if not len(chosen):
+            return 0.0 * x.sum()
+        found = self._of(slice(int(chosen[0]), int(chosen[-1]) + 1), x[seen], x0, F[seen], 1.0)
+        return 0.5 * self.overlap * found.image / self.frozen
 
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""

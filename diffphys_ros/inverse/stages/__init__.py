@@ -9,6 +9,7 @@ from ..resolution import fields_wanted
 from .constants import constants
 from .fields import fields
 from .linear import linear
+from .paper import paper
 from .stage import Stage
 
 __all__ = ["SCHEDULES", "Stage", "schedule"]
@@ -21,7 +22,7 @@ def simulated(problem: Problem) -> list[Stage]:
     return [*constants(problem), *(fields(problem) if fields_wanted(problem.settings) else [])]
 
 
-SCHEDULES: dict[str, Callable[[Problem], list[Stage]]] = {**dict.fromkeys(("auto", "modes", "joint"), simulated), "linear": linear}
+SCHEDULES: dict[str, Callable[[Problem], list[Stage]]] = {**dict.fromkeys(("auto", "modes", "joint"), simulated), "linear": linear, "paper": paper}
 
 
 def schedule(problem: Problem) -> list[Stage]:

@@ -19,4 +19,5 @@ class Stage:
     engine: str = "mpm"  # a name of Problem.engines
     evidence: tuple[str, ...] = tuple(EVIDENCE)  # kinds that count
     fields: bool = False  # whether fields go on from where constants per part and vectors per frame ended
+    way: str = "lbfgs"  # how the loss is lowered: a name of fit.py's WAYS
     spare: float = 1.0  # times that an iteration took must be left of the time for the next

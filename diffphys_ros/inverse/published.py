@@ -1,0 +1,41 @@
+"""What the published method begins with, whatever the tracks say: the prior's material, no force, a body that stands still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..start.values import GUESS_SD
+from ..types import StartValues
+from .material_prior import of_parts
+from .posterior import Confidence
+from .prepared import Prepared
+from .unknowns import checked_hold
+
+NOT_SOUGHT = "the published loss explains the video: what force and stiffness share it cannot tell, so E is the prior's as far as pictures let it be."
+
+
+def as_published(prepared: Prepared, hold: list[str] | None) -> Prepared:
+    """Start values of the schedule paper; young and force that fit.hold names stay as they are told. All frames may carry a force."""
+    held, start, every = checked_hold(hold), prepared.start, np.ones(len(prepared.clip), bool)
+    still = np.zeros_like(start.initial_displacement)
+    start = replace(start, initial_displacement=still, initial_velocity=still, forced=every)
+    if "force" not in held:
+        start = replace(start, force=np.zeros_like(start.force))
+    if "young" not in held and prepared.prior is not None:
+        start = _believing(start, prepared)
+    return replace(prepared, start=start, zones=None)
+
+
+def _believing(start: StartValues, prepared: Prepared) -> StartValues:
+    assert prepared.prior is not None
+    belief = of_parts(prepared.prior, prepared.body, prepared.clip.camera)
+    return replace(start, young=belief.young, log10_young_sd=belief.log10_young_sd)
+
+
+def unidentified(found: Confidence) -> Confidence:
+    """The same with no claim about stiffness and force."""
+    n = len(found.identified)
+    sd = np.maximum(found.log10_young_sd, GUESS_SD)
+    return Confidence(sd, np.zeros(n, bool), (NOT_SOUGHT,) * n, np.full(n, np.nan), False, NOT_SOUGHT)
