@@ -32,12 +32,12 @@ def in_fading_light(clip: Clip, truth: Path) -> Clip:
     return replace(clip, frames=np.where(mask[..., None], (clip.frames * light).astype(np.uint8), clip.frames))
 
 
-def panned(clip: Clip) -> Shown:
-    """Filmed by a camera that turns."""
+def panned(clip: Clip, px: float = PAN_PX) -> Shown:
+    """Filmed by a camera that turns by `px` pixels a frame."""
     assert clip.depth is not None
 
     def moved(image: np.ndarray, k: int, how: int) -> np.ndarray:
-        to = np.array([[1, 0, PAN_PX * k], [0, 1, 0.0]])
+        to = np.array([[1, 0, px * k], [0, 1, 0.0]])
         return np.asarray(cv2.warpAffine(image, to, image.shape[1::-1], flags=how, borderMode=cv2.BORDER_REPLICATE))
 
     frames, depths = (np.stack([moved(image, k, how) for k, image in enumerate(some)]) for some, how in ((clip.frames, cv2.INTER_CUBIC), (clip.depth, cv2.INTER_NEAREST)))
