@@ -92,7 +92,7 @@ def test_an_interrupted_clip_goes_on_from_its_checkpoint(half_sample: Path, tmp_
     again = begun(half_sample, tmp_path / "out", resume=True)
     assert again._resumed
     assert ended(again).state == "done"
-    assert again.log.read_text().count("reading") == 2
+    assert again.log.read_text().count("reading  ") == 2, "the words of both runs, in one log"
 
 
 def test_a_checkpoint_of_other_settings_and_old_results_are_not_taken(tmp_path: Path) -> None:
