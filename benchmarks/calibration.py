@@ -2,6 +2,7 @@
 
     python benchmarks/calibration.py OUT --seeds 200-229        # choices are made on these
     python benchmarks/calibration.py OUT --confirm 60           # seeds that follow from the commit: run once
+    python benchmarks/calibration.py OUT --seeds 300-304 --kinds hook,cord    # other bodies than the generator's, other starts
     python benchmarks/calibration.py --record OUT...            # rows into benchmarks/results, table and figure into docs
     python benchmarks/calibration.py --tables | --check         # from the stored rows; exit 1 where a table is not theirs
 
@@ -31,8 +32,9 @@ from diffphys_ros.batch import read_status
 from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
-CHOICE, CONFIRMATION = "choice", "confirmation"
+CHOICE, CONFIRMATION, OTHER_KINDS = "choice", "confirmation", "kinds"
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
+NAMED = (*FREE, "never_free", "held_out")  # kinds of the generator's own scenes
 PAGE, FIGURES = ROOT / "docs" / "how_sure.md", ROOT / "docs" / "figures"
 
 
@@ -77,20 +79,28 @@ def rows_of(out: Path, sources: str, *, clean: bool = True) -> tuple[str, list[d
 
 
 def record(folders: Sequence[Path], *, dirty: bool) -> None:
-    """Rows of the runs in place of those of their sets."""
+    """Rows of the runs, in place of those of the same clips."""
     this_commit(dirty=dirty)
     found: dict[str, list[dict[str, Any]]] = {}
     for folder in folders:
         name, rows = rows_of(folder, program(), clean=not dirty)
-        found.setdefault(name, []).extend(rows)
-    for name, rows in found.items():
+        for row in rows:
+            found.setdefault(OTHER_KINDS if row["kind"] not in NAMED and name == CHOICE else name, []).append(row)
+    for name, made in found.items():
+        rows = _merged(name, made)
         _path(name).write_text(json.dumps(sorted(rows, key=lambda row: row["name"]), indent=1) + "\n")
-        draw(rows, [kind for kind in kinds_in(rows) if kind in FREE], FIGURES / f"calibration_{name}.png")
+        if name != OTHER_KINDS:
+            draw(rows, [kind for kind in kinds_in(rows) if kind in FREE], FIGURES / f"calibration_{name}.png")
+
+
+def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    before = json.loads(_path(name).read_text()) if _path(name).exists() and name != CONFIRMATION else []
+    return list(({row["name"]: row for row in before} | {row["name"]: row for row in made}).values())
 
 
 def filled(text: str) -> str:
     """The page with its tables made from the stored rows."""
-    for name in (CHOICE, CONFIRMATION):
+    for name in (CHOICE, CONFIRMATION, OTHER_KINDS):
         if _path(name).exists():
             begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
             made = f"{begin}\n{_tables(json.loads(_path(name).read_text()))}\n{end}"
@@ -100,6 +110,8 @@ def filled(text: str) -> str:
 
 def _tables(rows: list[dict[str, Any]]) -> str:
     kinds = kinds_in(rows)
+    if set(kinds).isdisjoint(NAMED):
+        return "\n\n".join([markdown(table(rows, kinds)), said(rows)])
     apart = [f"<details><summary>Clips of {words}</summary>\n\n{markdown(table(rows, kinds, n))}\n\n</details>" for n, words in MATERIALS.items() if any(row["materials"] == n for row in rows)]
     return "\n\n".join([markdown(table(rows, kinds)), *apart, said(rows)])
 

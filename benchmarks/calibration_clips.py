@@ -23,6 +23,8 @@ STATS = "stats.json"  # the generator's last file: what it made
 REFUSED = "refused.txt"  # in place of it: why a seed has no clip
 CONFIRMATION_SEEDS = range(100_000, 1_000_000)  # far from those on which choices are made
 MADE_IN_S = 900.0  # longest time for one scene
+OTHER_SCENES = Path(__file__).with_name("other_scenes.py")  # makes what the generator lacks
+OTHERS = ("--family", "--hidden", "--force")  # options that are its own
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,15 @@ KINDS = {
         Kind("sensor", "sensor model, densities told", sensor=True, densities=True),
         Kind("never_free", "the force never stops, mass told", scene=("--never-free",)),
         Kind("held_out", "first 45 frames, densities told", densities=True, frames=(45, 15)),
+        Kind("hook", "hooks", scene=("--family", "hook"), densities=True),
+        Kind("fork", "forks", scene=("--family", "fork"), densities=True),
+        Kind("cord", "cords, large swing", scene=("--family", "cord", "--gravity", "on"), densities=True),
+        Kind("sheet", "sheets of 1:25", scene=("--family", "sheet", "--gravity", "on"), densities=True),
+        Kind("block", "thrown on a floor", scene=("--family", "block"), densities=True),
+        Kind("hidden", "parts that look alike", scene=("--hidden",), densities=True),
+        Kind("gusts", "two gusts", scene=("--force", "two_gusts"), densities=True),
+        Kind("poke", "local pushes", scene=("--force", "poke"), densities=True),
+        Kind("moving", "begins in motion", scene=("--moving-start",), densities=True),
     )
 }
 
@@ -65,24 +76,25 @@ class Maker:
         """The scene of a seed in `out`, unless it is there; `out` holds REFUSED where the generator has none."""
         if (out / STATS).exists() or (out / REFUSED).exists():
             return
-        self._call(["make_scene.py", "--seed", str(seed), *flags, "--out", str(out)], out)
+        program = [str(OTHER_SCENES), str(self.folder)] if set(flags) & set(OTHERS) else [str(self.folder / "make_scene.py")]
+        self._call([*program, "--seed", str(seed), *flags, "--out", str(out)], out)
 
     def degrade(self, seed: int, clean: Path, out: Path) -> None:
         """The same scene as a depth camera would record it."""
         if not (out / "frames.json").exists():
             out.mkdir(parents=True, exist_ok=True)
-            self._call(["degrade.py", str(clean / "clip.mcap"), str(out / "clip.mcap"), "--seed", str(seed), "--all"], out)
+            self._call([str(self.folder / "degrade.py"), str(clean / "clip.mcap"), str(out / "clip.mcap"), "--seed", str(seed), "--all"], out)
 
     def _call(self, words: Sequence[str], out: Path) -> None:
-        command = [self.python, str(self.folder / words[0]), *words[1:]]
+        command = [self.python, *words]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=MADE_IN_S, check=False, env={"MUJOCO_GL": "egl", "OMP_NUM_THREADS": "1"} | os.environ)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise InputError(f"{words[0]}: {error}; give --generator its folder and --mujoco a Python that has MuJoCo") from error
+            raise InputError(f"{Path(words[0]).name}: {error}; give --generator its folder and --mujoco a Python that has MuJoCo") from error
         if done.returncode:
             said = (done.stderr.strip().splitlines() or [done.stdout.strip() or f"status {done.returncode}"])[-1]
             if "no acceptable draw" not in said and not (out / STATS).exists():
-                raise InputError(f"{words[0]} {out.name}: {said[:300]}")
+                raise InputError(f"{Path(words[0]).name} {out.name}: {said[:300]}")
             out.mkdir(parents=True, exist_ok=True)
             (out / REFUSED).write_text(said)
 
