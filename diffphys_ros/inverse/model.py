@@ -90,9 +90,9 @@ class Model:
         self.asked, asked = self._asked()
         box = Box.around(asked if self.follows else _passed(self.problem))
         if experiment.force_frame == "nodes" and fit.force_field == "voxels":
-            self.force = NodeForce(box, len(self.frames), self.problem.force_unit, places=asked, generator=generator, sizes=force).to(**place)
+            self.force = NodeForce(box, len(self.frames), self.problem.field_unit, places=asked, generator=generator, sizes=force).to(**place)
         else:
-            self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.force_unit, generator=generator, sizes=force).to(**place)
+            self.force = FORCE_FIELDS[fit.force_field](box, len(self.frames), self.problem.field_unit, generator=generator, sizes=force).to(**place)
         self.start = Material(*(value.detach() for value in base.at(self.x)))
         if fit.material_field == "triplane":
             pretrain(self.material, self.x, self.start, bounds)
@@ -123,7 +123,7 @@ class Model:
         terms = objective.terms(z, motion, self.evidence)
         if material is not None and motion.field_force is not None:
             acted = motion.field_force if motion.node_force is None else motion.node_force
-            extra = self._field_prior(material, acted / self.problem.force_unit).double().cpu()
+            extra = self._field_prior(material, acted / self.problem.field_unit).double().cpu()
             terms.parts["fields"] = float(extra.detach())
             terms.total = terms.total + extra
         return terms

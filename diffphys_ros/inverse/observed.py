@@ -101,3 +101,10 @@ def acceleration_scale(tracks: Tracks, period_s: float) -> float:
         return 1.0
     mean_square = float((second**2).sum(-1).mean()) - 18.0 * tracks.noise_m**2
     return float(np.sqrt(max(mean_square, 1e-12)) / period_s**2)
+
+
+def displacement_scale(tracks: Tracks) -> float:
+    """Root mean square of the tracked displacements from frame 0 [m], noise taken off."""
+    moved = (tracks.points - tracks.points[:1])[tracks.valid]
+    mean_square = float((moved**2).sum(-1).mean()) - 6.0 * tracks.noise_m**2
+    return float(np.sqrt(max(mean_square, 1e-12)))

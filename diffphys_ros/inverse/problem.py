@@ -25,7 +25,7 @@ from .law import law_to_fit
 from .linear import footprint_load
 from .linear_model import UNKNOWN_TO_MODES
 from .loss import Objective
-from .observed import TrackTarget, acceleration_scale
+from .observed import TrackTarget, acceleration_scale, displacement_scale
 from .prepare import scaled_start
 from .prepared import Prepared
 from .prior import Prior
@@ -49,6 +49,7 @@ class Problem:
     disc: Discretisation
     layout: Layout
     force_unit: float  # of a force that acts everywhere [N/m^3]
+    field_unit: float  # of a force field [N/m^3]
     target: TrackTarget
     forward: ForwardModel
     renderer: CarriedGaussians | None
@@ -104,7 +105,7 @@ def problem_on(
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
-    return Problem(prepared, settings, plan, disc, layout, force_unit, target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+    return Problem(prepared, settings, plan, disc, layout, force_unit, _field_unit(prepared, force_unit), target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
 
 
 def _nodal(settings: Settings) -> bool:
@@ -113,6 +114,16 @@ def _nodal(settings: Settings) -> bool:
     if experiment.force_frame == "nodes" and experiment.schedule != "paper":
         raise InputError(f"experiment.force_frame is nodes with experiment.schedule {experiment.schedule}; choose the schedule paper, or rest or current")
     return experiment.force_frame == "nodes"
+
+
+def _field_unit(prepared: Prepared, force_unit: float) -> float:
+    """Of a force field [N/m^3]: what accelerates the body as is seen, and what holds it bent as far as is seen where its modulus is a belief: a
+    stiff body that moves slowly needs far more than its accelerations say."""
+    start = prepared.start
+    if not prepared.body.clamped or start.has_free_tail:
+        return force_unit
+    stiffness = float(prepared.body.density.mean()) * (2 * np.pi * float(start.frequencies_hz[0])) ** 2
+    return float(np.hypot(force_unit, stiffness * displacement_scale(prepared.tracks)))
 
 
 def _concentration(prepared: Prepared) -> float:

@@ -42,7 +42,7 @@ class Walk:
         assert isinstance(model.force, NodeForce)
         assert model.material is not None
         self.model, self.forward, self.field = model, forward, model.force
-        self.experiment, self.unit = problem.settings.experiment, problem.force_unit
+        self.experiment, self.unit = problem.settings.experiment, problem.field_unit
         self.term = problem.objective.evidence["pixels"].term  # type: ignore[attr-defined]
         with torch.no_grad():
             z = model.z.to(forward.device, forward.dtype)
