@@ -13,6 +13,10 @@ LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
 DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
 NEIGHBOURS = 9  # points whose median a point is compared with
 AROUND = 20  # points whose affine motion tells where another one is
+LEAST_FOUND = 0.5  # of the points that held in the frame before; with fewer the object has leapt
+LEAP = 3.0  # of the points' box, within which it is looked for
+COARSE = 4  # pixels side by side that count as one, so that an object that turns or comes nearer still looks like itself
+LEAST_LIKENESS = 0.5  # correlation with the frame before at which it counts as found
 RIGIDITY_PX2 = 2.0  # added to their second moment: where they lie in a line, a point moves along with them and no more
 
 
@@ -68,8 +72,9 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
         pixels[k] = pixels[last]
         if not seen[k]:
             continue
-        predicted = _predict(images[last], images[k], pixels[last], start, matching)
-        found, good = _found(images[0], images[k], start, predicted, matching)
+        found, good = _found(images[0], images[k], start, _predict(images[last], images[k], pixels[last], start, matching), matching)
+        if good.sum() < LEAST_FOUND * valid[last].sum():
+            found, good = _after_leap(images, (last, k), pixels[last], valid[last], start, matching, (found, good))
         if AROUND <= good.sum() < len(good):
             lost = np.flatnonzero(~good)
             expected = (start[lost] + affine_motion(start[lost], start[good], (found - start)[good])[0]).astype(np.float32)
@@ -127,6 +132,38 @@ def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.nd
     there, error = _round_trip(before, image, at, at, matching, 2)
     motion = neighbour_median(start, there - at, error < DRIFT_ROUND_TRIP_PX)
     return (at + motion).astype(np.float32)
+
+
+def _after_leap(
+    images: list[np.ndarray], between: tuple[int, int], at: np.ndarray, holds: np.ndarray, start: np.ndarray, matching: Matching, before: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """`before` (positions (M, 2) and which are trusted), or where more are found what is found from where the whole of the points, `at` (M, 2) in the
+    first of the frames `between`, has leapt to in the second."""
+    last, k = between
+    shift = whole_shift(images[last], images[k], at[holds])
+    if shift is None:
+        return before
+    guess = (at + shift).astype(np.float32)
+    there, error = _round_trip(images[last], images[k], at, guess, matching, 2)
+    moved = neighbour_median(start, there - guess, error < DRIFT_ROUND_TRIP_PX)
+    found, good = _found(images[0], images[k], start, (guess + moved).astype(np.float32), matching)
+    return (found, good) if good.sum() > before[1].sum() else before
+
+
+def whole_shift(image: np.ndarray, later: np.ndarray, points: np.ndarray) -> np.ndarray | None:
+    """Where the box about points (M, 2) [px] of an image has gone in a later one, (2,) [px], by normalised correlation; None where it is not found, or is tiny."""
+    if not len(points):
+        return None
+    size = np.array(image.shape[::-1])
+    low, high = np.clip(np.floor(points.min(0)), 0, size - 1).astype(int), np.clip(np.ceil(points.max(0)) + 1, 1, size).astype(int)
+    reach = np.ceil((LEAP - 1) / 2 * (high - low)).astype(int)
+    first, end = np.maximum(low - reach, 0), np.minimum(high + reach, size)
+    box, around = image[low[1] : high[1], low[0] : high[0]], later[first[1] : end[1], first[0] : end[0]]
+    if min(box.shape) < 2 * COARSE:
+        return None
+    coarse = [cv2.resize(part, None, fx=1 / COARSE, fy=1 / COARSE, interpolation=cv2.INTER_AREA) for part in (around, box)]
+    _, best, _, place = cv2.minMaxLoc(cv2.matchTemplate(*coarse, cv2.TM_CCOEFF_NORMED))
+    return COARSE * np.array(place, float) + first - low if best >= LEAST_LIKENESS else None
 
 
 def _agreeing(start: np.ndarray, displacement: np.ndarray, good: np.ndarray) -> np.ndarray:

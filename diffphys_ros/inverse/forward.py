@@ -66,7 +66,7 @@ def discretise(prepared: Prepared, plan: Plan, *, device: str, dense: DensePoint
     grid = fit_grid(particles, dx=plan.dx, reach_m=reach_of(prepared) + 0.5 * plan.dx, clamped=body.clamped)
     value, gradient = modal.evaluate(particles.x_rest)
     value[particles.ghost], gradient[particles.ghost] = 0.0, 0.0
-    sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() else None
+    sag = gradient @ modal.gravity_coordinates(young) if body.gravity.any() and body.clamped else None  # what nothing holds falls
     return Discretisation(particles, grid, *_apparent(prepared, plan, particles, grid, device), value, gradient, sag)
 
 

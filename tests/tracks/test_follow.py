@@ -152,3 +152,15 @@ def test_tracks_of_a_truth_scene_follow_its_vertices(name: str, scenes: Path) ->
     rms = np.sqrt(np.mean([((tracks.points[k] - tracks.points[0] - u)[tracks.valid[k]] ** 2).mean() for k, u in zip(frames, true, strict=True)]))
     assert rms < 2e-4
     assert 0.5 < tracks.noise_m / rms < 2
+
+
+def test_an_object_that_leaps_is_found_where_it_has_gone() -> None:
+    """By more than half its own width between two frames, nearer to the camera."""
+    leap = turned(0.0)
+    leap[:3, 3] = [0.05, 0.0, 0.05]
+    poses = [turned(0.0), turned(0.01), leap, leap @ turned(0.02)]
+    clip = box_clip(bar(), poses, oblique_camera())
+    tracks = follow(clip, surface_depth(clip, bar_settings())[0], bar_settings())
+    true = np.stack([tracks.points[0] @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
+    assert tracks.valid[2:].mean() > 0.8
+    assert np.sqrt(((tracks.points - true)[tracks.valid] ** 2).mean()) < 6e-4
