@@ -97,7 +97,9 @@ class Elements:
         return sum((e * k for e, k in zip(young, self.stiffness, strict=True)), start=0 * self.mass)
 
     def prestress(self, young: np.ndarray) -> list[sp.csc_matrix]:
-        """Stiffness (D, D) of the static stress under each of the weights."""
+        """Stiffness (D, D) of the static stress under each of the weights; none in a body that nothing holds, which falls."""
+        if self.shift:
+            return [0 * self.mass] * len(self.weights)
         factor = splu(self.elastic(young), **_SYMMETRIC)
         return [self._stiffness_of_stress(young, factor.solve(weight)) for weight in self.weights]
 
