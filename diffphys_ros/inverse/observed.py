@@ -108,3 +108,14 @@ def displacement_scale(tracks: Tracks) -> float:
     moved = (tracks.points - tracks.points[:1])[tracks.valid]
     mean_square = float((moved**2).sum(-1).mean()) - 6.0 * tracks.noise_m**2
     return float(np.sqrt(max(mean_square, 1e-12)))
+
+
+def liveliest_acceleration(tracks: Tracks, period_s: float) -> float:
+    """That of the frame that needs the most, root mean square over the points [m/s^2], of a body at rest until frame 0: a constant one that makes
+    up for the second difference of the displacements by the end of the frame in which it begins to act."""
+    points, valid = np.concatenate([tracks.points[:1], tracks.points]), np.concatenate([tracks.valid[:1], tracks.valid])
+    square = ((points[2:] - 2 * points[1:-1] + points[:-2]) ** 2).sum(-1)
+    held = valid[2:] & valid[1:-1] & valid[:-2]
+    seen = held.sum(1) > 0
+    mean = (square * held).sum(1)[seen] / held.sum(1)[seen]
+    return 2 * float(np.sqrt(max(mean.max(initial=0.0), 1e-12))) / period_s**2

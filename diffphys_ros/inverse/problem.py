@@ -25,7 +25,7 @@ from .law import law_to_fit
 from .linear import footprint_load
 from .linear_model import UNKNOWN_TO_MODES
 from .loss import Objective
-from .observed import TrackTarget, acceleration_scale, displacement_scale
+from .observed import TrackTarget, acceleration_scale, displacement_scale, liveliest_acceleration
 from .prepare import scaled_start
 from .prepared import Prepared
 from .prior import Prior
@@ -105,7 +105,7 @@ def problem_on(
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
-    return Problem(prepared, settings, plan, disc, layout, force_unit, _field_unit(prepared, force_unit), target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+    return Problem(prepared, settings, plan, disc, layout, force_unit, _field_unit(prepared, settings, force_unit), target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
 
 
 def _nodal(settings: Settings) -> bool:
@@ -116,14 +116,14 @@ def _nodal(settings: Settings) -> bool:
     return experiment.force_frame == "nodes"
 
 
-def _field_unit(prepared: Prepared, force_unit: float) -> float:
-    """Of a force field [N/m^3]: what accelerates the body as is seen, and what holds it bent as far as is seen where its modulus is a belief: a
-    stiff body that moves slowly needs far more than its accelerations say."""
-    start = prepared.start
-    if not prepared.body.clamped or start.has_free_tail:
+def _field_unit(prepared: Prepared, settings: Settings, force_unit: float) -> float:
+    """Of a force field [N/m^3]. Where fields alone move the body from rest it must do the worst: bring it in a frame to where the liveliest one has
+    it, and hold it bent as far as is seen, for which a stiff body that moves slowly needs far more than its accelerations say."""
+    if settings.experiment.schedule != "paper":
         return force_unit
-    stiffness = float(prepared.body.density.mean()) * (2 * np.pi * float(start.frequencies_hz[0])) ** 2
-    return float(np.hypot(force_unit, stiffness * displacement_scale(prepared.tracks)))
+    tracks, density = prepared.tracks, float(prepared.body.density.mean())
+    bent = (2 * np.pi * float(prepared.start.frequencies_hz[0])) ** 2 * displacement_scale(tracks)
+    return density * float(np.hypot(liveliest_acceleration(tracks, prepared.clip.period_s), bent))
 
 
 def _concentration(prepared: Prepared) -> float:
