@@ -1,7 +1,7 @@
 """The least Young's modulus of a part that hardly strains: were it softer, the free motion would show it.
 
 Profile likelihood: the part's modulus is held at one value after another, and all else is fitted to the tail anew, densities that nobody told and
-frequencies within what outline and Poisson's ratios leave open among it. Softer than the bound, the misfit is larger than the best one by more than
+frequencies within what the outline leaves open among it. Softer than the bound, the misfit is larger than the best one by more than
 model errors of the size seen explain.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from .free_tail import FREQUENCY_SD, RATIO_SD, Physics, Tail
+from .free_tail import RATIO_SD, Physics, Tail
 from .uncertainty import excess_of
 
 SURE = 1.645  # standard deviations: one-sided, 95 %
@@ -23,18 +23,17 @@ HALVINGS = 3  # of the last step
 MOST_EVALUATIONS = 30  # of a search from the neighbouring value's end
 
 
-def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, doubt: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Young's moduli (n,) [Pa] that the parts `wanted` (n,) reach with 95 %; NaN for the others, and where the tail tells none.
 
-    `geometry_sd` (n,) is the standard deviation of log10 E that the outline leaves, `doubt` (k, m) what each thing that nobody told, densities
-    apart, changes of the log frequencies of the modes. With other densities than those found, a softer part may explain the motion as well.
+    `geometry_sd` (n,) is the standard deviation of log10 E that the outline leaves. With other densities than those found, a softer part may explain
+    the motion as well; another Poisson's ratio hardly helps it.
     """
     fitted = np.log10(physics.young)
     found = np.full(len(fitted), np.nan)
-    prior = _whitener(doubt, len(physics.detune))
     most = (SURE * excess_of(tail, physics)) ** 2
     for part in np.flatnonzero(wanted):
-        distance = softest(_profile(tail, physics, int(part), prior), most)
+        distance = softest(_profile(tail, physics, int(part)), most)
         found[part] = 10 ** (fitted[part] - np.hypot(distance, SURE * geometry_sd[part]))
     return found
 
@@ -59,14 +58,7 @@ def softest(misfit: Callable[[float], float], most: float) -> float:
     return excluded
 
 
-def _whitener(doubt: np.ndarray, modes: int) -> np.ndarray:
-    """Turns detuning in units of FREQUENCY_SD into residuals of unit variance, (modes, modes)."""
-    spread = np.zeros((modes, doubt.shape[1]))
-    spread[: len(doubt)] = doubt[:modes] / FREQUENCY_SD
-    return np.linalg.inv(np.linalg.cholesky(np.eye(modes) + spread @ spread.T))
-
-
-def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Callable[[float], float]:
+def _profile(tail: Tail, physics: Physics, part: int) -> Callable[[float], float]:
     """Least chi-square of the tail and the priors on all else, with log10 E of `part` so much off what was fitted. No prior ties the part itself
     to its neighbours: they become each other's."""
     densities, parts = tail.densities, len(physics.young)
@@ -79,7 +71,7 @@ def _profile(tail: Tail, physics: Physics, part: int, prior: np.ndarray) -> Call
     ends = {0.0: fitted[others]}  # where searches ended, by the change of log10 E
 
     def priors(vector: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.diff(np.delete(vector[:parts], part, 0), axis=0) / RATIO_SD, vector[parts:first], prior @ vector[first:]])
+        return np.concatenate([np.diff(np.delete(vector[:parts], part, 0), axis=0) / RATIO_SD, vector[parts:first], vector[first:]])
 
     by_priors = priors(np.eye(len(fitted)))[:, others]  # they are linear
 

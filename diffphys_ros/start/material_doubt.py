@@ -46,11 +46,6 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     )
 
 
-def poisson_doubt(tail: Tail, physics: Physics, body: Body, scene: Scene) -> np.ndarray:
-    """What one standard deviation of each part's Poisson's ratio changes of the log frequencies of the modes that the tail is fitted with, (k, n)."""
-    return 0.5 * mode_changes(tail, physics, body)[1] * _poisson_sd(body, scene)
-
-
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of ln(omega^2) of the modes that the tail is fitted with by ln(density) and by Poisson's ratio of each part, (k, n) each."""
     modal = tail.modal

@@ -19,7 +19,7 @@ from .evidence import Belief, Evidence
 from .force import Solution
 from .free_tail import FREQUENCY_SD
 from .lower_bound import lower_bounds
-from .material_doubt import material_doubt, poisson_doubt
+from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
@@ -156,9 +156,8 @@ def bounded(values: StartValues, fit: Fit) -> StartValues:
     wanted = ~values.identified & explained
     if not wanted.any():
         return values
-    body, scene = fit.evidence.body, fit.evidence.settings.scene
-    geometry_sd = outline_sd(body, fit.evidence.tracks) / np.log(10.0)
-    lower = lower_bounds(fit.tail, fit.physics, geometry_sd, poisson_doubt(fit.tail, fit.physics, body, scene), wanted)
+    geometry_sd = outline_sd(fit.evidence.body, fit.evidence.tracks) / np.log(10.0)
+    lower = lower_bounds(fit.tail, fit.physics, geometry_sd, wanted)
     reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
     return replace(values, young_lower=lower, reasons=tuple(reasons))
 

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from diffphys_ros.__main__ import main
+from diffphys_ros.bags.sample import sample_folder
 
 from .conftest import Answer, Recover
 
 YOUNG, TRAJECTORY, COSINE, FALSE_FORCE = 0.03, 0.05, 0.95, 0.05
 STILL_M = 7e-4
+DAMPING_S = 5e-4  # of strain; with nothing that holds it, it ends below zero
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +31,11 @@ def test_stiffness_force_and_trajectory_are_those_of_the_other_simulator(answer:
     assert answer.trajectory_error < TRAJECTORY
     assert answer.metrics["net_force_cosine"] > COSINE
     assert answer.metrics["false_force_ratio"] < FALSE_FORCE
+
+
+def test_what_brakes_it_is_its_strain_as_in_the_other_simulator(answer: Answer) -> None:
+    with np.load(sample_folder("strip") / "truth.npz") as truth:
+        assert abs(answer.recovery.damping.stiffness_s - truth["damping_stiffness_beta_effective"]) < DAMPING_S
 
 
 def test_it_hangs_still_without_the_gust(answer: Answer, tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_a_tip_that_hardly_bends_is_at_least_as_stiff_as_said_and_not_ten_times_
 
 def test_densities_that_nobody_told_lower_the_bound() -> None:
     untold, told = (found(YOUNG[0], 3 * YOUNG[0], poisson_ratio=0.3, density_kg_m3=density).young_lower[1] for density in (None, 600.0))
-    assert 0.1 * 3 * YOUNG[0] < untold < 0.9 * told < told < 3 * YOUNG[0]
+    assert 0.1 * 3 * YOUNG[0] < untold < 0.65 * told < told < 3 * YOUNG[0]  # 0.74 of it with the densities that were found
 
 
 def test_what_the_modes_miss_beyond_the_noise_keeps_the_bound_from_coming_near() -> None:
@@ -49,7 +49,7 @@ def test_what_the_modes_miss_beyond_the_noise_keeps_the_bound_from_coming_near()
     elements = Elements.of(body)
     fit = run(modes(elements, 1.0), Fit.begun(evidence, elements, supported(evidence)))
     surer = replace(fit.tail, sigma_m=fit.tail.sigma_m / 20)
-    bounds = [lower_bounds(tail, fit.physics, np.zeros(2), np.zeros((4, 1)), np.array([False, True]))[1] for tail in (fit.tail, surer)]
+    bounds = [lower_bounds(tail, fit.physics, np.zeros(2), np.array([False, True]))[1] for tail in (fit.tail, surer)]
     assert bounds[0] < bounds[1] < 0.65 * young[1]  # 0.59 of it; taken for independent noise, what is missed would make that 0.74
 
 
