@@ -141,7 +141,7 @@ def write_all(
     """Everything `save` writes, then recording, rerun file and figure: all of them take the place of a former run's together, or none.
 
     Call it while the folder is `owned`. `node` is whose topics the recording holds, with its namespace. `report` is told each file as it is begun. Returns one sentence for each file that was left
-    out because a package it needs is not installed. Raises InputError where the disc is full.
+    out because a package it needs is not installed, or not usable (one that wants another numpy). Raises InputError where the disc is full.
     """
     left_out = []
     resumable = "; the checkpoint stays: --resume (of fit_node: resume) goes on from it" if (Path(folder) / CHECKPOINT).exists() else ""
@@ -151,10 +151,11 @@ def write_all(
             report(name)
             try:
                 write(staging / name)
-            except ModuleNotFoundError as error:
+            except ImportError as error:
                 if (error.name or "").split(".")[0] == "diffphys_ros":
                     raise
-                left_out.append(f"{name} was left out because the package {error.name!r} is not installed.")
+                why = f"the package {error.name!r} is not installed" if isinstance(error, ModuleNotFoundError) else f"a package that it needs cannot be used here ({error})"
+                left_out.append(f"{name} was left out because {why}.")
     return left_out
 
 

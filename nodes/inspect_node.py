@@ -177,6 +177,8 @@ def rerun_log() -> Any:
         from diffphys_ros.report import rerun_log
     except ModuleNotFoundError as error:
         raise InputError(f"inspect_node: needs the package {error.name!r}; install diffphys_ros with the extra [rerun]") from error
+    except ImportError as error:
+        raise InputError(f"inspect_node: rerun is installed and cannot be used here: {error}") from error
     return rerun_log
 
 

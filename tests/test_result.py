@@ -156,6 +156,18 @@ def test_every_file_of_the_folder_is_written(tmp_path: Path, made_recovery: Reco
     assert set(told) == files - {result.RECOVERY, result.METRICS, result.RECORDING_OUTLINE}
 
 
+def test_a_rerun_that_cannot_be_used_is_left_out_and_why_is_said(tmp_path: Path, made_recovery: Recovery, made_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that wants another numpy than the system's."""
+    (tmp_path / "broken" / "rerun").mkdir(parents=True)
+    (tmp_path / "broken" / "rerun" / "__init__.py").write_text("raise ImportError('wants NumPy 2.0 or newer')")
+    for name in [name for name in sys.modules if name.split(".")[0] == "rerun" or name == "diffphys_ros.report.rerun_log"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(tmp_path / "broken")
+    left_out = result.write_all(made_recovery, made_clip, config.Settings(), tmp_path / "out")
+    assert "recovery.rrd was left out because a package that it needs cannot be used here (wants NumPy 2.0 or newer)." in left_out
+    assert (tmp_path / "out" / result.RECOVERY).exists()
+
+
 def test_without_matplotlib_the_figure_is_left_out_and_said_so(
     tmp_path: Path, made_recovery: Recovery, made_clip: Clip, monkeypatch: pytest.MonkeyPatch
 ) -> None:

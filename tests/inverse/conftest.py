@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +15,18 @@ from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.types import Body, Camera, Clip, MaterialDoubt, StartValues, Tracks
+from tests.coarse import coarse_elements
 
 YOUNG = np.array([2.0e5, 1.2e5])
 PERIOD_S = 1 / 30
 FRAMES = 14
+
+
+@pytest.fixture(autouse=True, scope="module")
+def coarse(request: pytest.FixtureRequest) -> Iterator[None]:
+    """But for the large swing, whose frequency must be right over many periods."""
+    with nullcontext() if request.module.__name__.endswith("test_swing") else coarse_elements():
+        yield
 
 
 def make_body(gravity=(0.0, 0.0, 0.0)) -> Body:
