@@ -11,6 +11,7 @@ import numpy as np
 
 ROUNDS = 2
 LEAST_GAIN = 0.1  # of the error, that a law must explain to be taken
+SETTLED = 0.98  # of the error before: more ends the search
 STEPS = np.array([0.2, 0.1])  # of the two numbers, for differences
 MOST = np.array([3.0, 3.0])  # of the two numbers
 EXPECTED = 0.03  # error over motion that no such law explains: with a spread of 1 of either number, a swing too small to tell them leaves both 0
@@ -69,10 +70,12 @@ def fitted(let_go: Callable[[Yielding], np.ndarray | None], told: np.ndarray) ->
         if found is None:
             break
         tip = found
-        if _missed(tip, told) > (1 - LEAST_GAIN) * _missed(best.tip, told):
+        before = _missed(best.tip, told)
+        if _missed(tip, told) < before:
+            best = Swung(Yielding(*map(float, at)), tip, constant)
+        if _missed(tip, told) > SETTLED * before:
             break
-        best = Swung(Yielding(*map(float, at)), tip, constant)
-    return best
+    return best if _missed(best.tip, told) <= (1 - LEAST_GAIN) * _missed(constant, told) else Swung(Yielding(), constant, constant)
 
 
 def _missed(tip: np.ndarray, told: np.ndarray) -> float:
