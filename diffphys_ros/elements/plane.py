@@ -1,4 +1,9 @@
-"""A flat solid that moves far in its own plane: quadratic triangles in plane stress, St Venant-Kirchhoff, large rotations (total Lagrangian).
+"""A flat solid that moves far in its own plane: quadratic triangles in plane stress, large rotations and strains (total Lagrangian).
+
+The law is the compressible neo-Hookean one of Blatz and Ko (1962), with the strain across the plane eliminated exactly:
+psi = mu / 2 (tr C - 2 + (J^(-2 beta) - 1) / beta), beta = nu / (1 - nu), J of the plane alone. It resists being crushed without bound; that of
+St Venant and Kirchhoff gives way at strains of .3, as at the clamp of a strip that swings by 60 degrees. What gives way as it is strained has
+its stress divided by 1 + softens e, e = sqrt(2 psi) with E = 1: the strain of a pulled bar. The air's drag may grow with the square of speed.
 
 Everything is per unit of depth and density, so that stiffness is E / density [m^2/s^2] and loads are accelerations. Displacements u (2 N,) count
 from the shape without load, node by node: x, y.
@@ -18,13 +23,17 @@ from .mesh import element_size, triangulate
 
 COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 %
 MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length
+LEAST_ENERGY = 1e-16  # over E: less is no strain
+MOST_HALVINGS = 8  # of a step that would turn an element inside out
 SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 %
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
 EDGES = ((0, 1), (1, 2), (2, 0))
+PAIRS = ((0, 0), (1, 1), (0, 1))  # of axes, for a symmetric tensor
+
 
 
 class DivergedError(ArithmeticError):
-    """An integration whose steps are too long."""
+    """An integration whose steps are too long, or a pose with an element turned inside out."""
 
 
 def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -38,6 +47,11 @@ def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, np.stack([by_r, by_s], 1)
 
 
+def _drag(speed: np.ndarray, per_s: float, per_m: float) -> np.ndarray:
+    """Deceleration [m/s^2] of nodes with velocities x, y, x, y, ... [m/s]."""
+    return (per_s + per_m * np.repeat(np.hypot(speed[::2], speed[1::2]), 2)) * speed
+
+
 @dataclass(frozen=True)
 class Plane:
     """The mesh and what of it never changes."""
@@ -46,6 +60,7 @@ class Plane:
     triangles: np.ndarray  # (E, 6)
     held: np.ndarray  # nodes, bool (N,)
     poisson: float
+    softens: float = 0.0  # share by which the modulus falls, over the strain
 
     @classmethod
     def of(cls, body: Body) -> Plane:
@@ -80,9 +95,18 @@ class Plane:
         own = (2 * self.triangles[..., None] + np.arange(2)).reshape(len(self.triangles), 12)
         return own, np.repeat(own, 12, 1).ravel(), np.tile(own, (1, 12)).ravel()
 
-    def _matrix(self, local: np.ndarray) -> sp.csc_matrix:
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, sp.csc_matrix]:
+        """Where in a sparse matrix each entry of the elements' matrices goes, and one with that pattern."""
         _, rows, columns = self._places
-        return sp.csc_matrix((local.ravel(), (rows, columns)), (2 * len(self.nodes),) * 2)
+        size = 2 * len(self.nodes)
+        unique, slots = np.unique(columns.astype(np.int64) * size + rows, return_inverse=True)
+        starts = np.searchsorted(unique, np.arange(size + 1, dtype=np.int64) * size)
+        return slots.ravel(), sp.csc_matrix((np.zeros(len(unique)), (unique % size).astype(np.int32), starts.astype(np.int32)), (size, size))
+
+    def _matrix(self, local: np.ndarray) -> sp.csc_matrix:
+        slots, pattern = self._pattern
+        return sp.csc_matrix((np.bincount(slots, local.ravel(), pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
 
     @cached_property
     def mass(self) -> sp.csc_matrix:
@@ -95,27 +119,53 @@ class Plane:
         local[:, :, 0, :, 0] = local[:, :, 1, :, 1] = self._slopes[1].sum(1)[:, None, None] * one
         return self._matrix(local.reshape(-1, 12, 12))
 
+    def _strained(self, u: np.ndarray) -> np.ndarray:
+        """Deformation gradients (E, Q, 2, 2)."""
+        return np.eye(2) + np.einsum("eni,eqdn->eqid", u.reshape(-1, 2)[self.triangles], self._slopes[0])
+
+    def _upright(self, u: np.ndarray) -> bool:
+        return bool((np.linalg.det(self._strained(u)) > 0).all())
+
     def inner(self, u: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:
-        """Elastic forces (2 N,) and their tangent for E / density = 1 m^2/s^2."""
+        """Elastic forces (2 N,) and their tangent for E / density = 1 m^2/s^2. Raises DivergedError."""
         slope, area = self._slopes
         own = self._places[0]
-        strained = np.eye(2) + np.einsum("eni,eqdn->eqid", u.reshape(-1, 2)[self.triangles], slope)
-        green = 0.5 * (np.swapaxes(strained, -1, -2) @ strained - np.eye(2))
-        mu, lam = 0.5 / (1 + self.poisson), self.poisson / (1 - self.poisson**2)  # plane stress
-        stress = 2 * mu * green + lam * np.trace(green, axis1=-2, axis2=-1)[..., None, None] * np.eye(2)
-        forces = np.einsum("eq,eqid,eqdn->eni", area, strained @ stress, slope)
-        law = lam * np.einsum("ij,kl->ijkl", np.eye(2), np.eye(2)) + mu * (np.einsum("ik,jl->ijkl", np.eye(2), np.eye(2)) + np.einsum("il,jk->ijkl", np.eye(2), np.eye(2)))
-        tangent = np.einsum("eqia,abcd,eqjc->eqibjd", strained, law, strained, optimize=True)
-        tangent += np.eye(2)[:, None, :, None] * stress[:, :, None, :, None, :]
-        local = np.einsum("eq,eqbn,eqibjd,eqdm->enimj", area, slope, tangent, slope, optimize=True)
-        return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), self._matrix(local.reshape(-1, 12, 12))
+        strained = self._strained(u)
+        area_ratio = np.linalg.det(strained)
+        if not (area_ratio > 0).all():
+            raise DivergedError("an element is turned inside out")
+        mu, beta = 0.5 / (1 + self.poisson), self.poisson / (1 - self.poisson)
+        metric = np.linalg.inv(np.swapaxes(strained, -1, -2) @ strained)
+        pressure = mu * area_ratio ** (-2 * beta)
+        energy = 0.5 * mu * ((strained**2).sum((-2, -1)) - 2 + (area_ratio ** (-2 * beta) - 1) / beta)
+        strain = np.sqrt(2 * np.maximum(energy, LEAST_ENERGY))
+        left = 1 / (1 + self.softens * strain)
+        first, second = np.array(PAIRS).T
+        stress = left[..., None, None] * (mu * np.eye(2) - pressure[..., None, None] * metric)
+        single, inverse = stress[..., first, second], metric[..., first, second]  # (E, Q, 3)
+        crossed = metric[..., first[:, None], first] * metric[..., second[:, None], second] + metric[..., first[:, None], second] * metric[..., second[:, None], first]
+        law = (pressure * left)[..., None, None] * (2 * beta * inverse[..., :, None] * inverse[..., None, :] + crossed)
+        law -= (self.softens / strain)[..., None, None] * single[..., :, None] * single[..., None, :]
+        by_node = np.swapaxes(slope, -1, -2)[..., None, :]  # (E, Q, n, 1, axis)
+        turned = strained[..., None, :, :]  # (E, Q, 1, i, axis)
+        sheared = turned[..., first] * by_node[..., second] + turned[..., second] * by_node[..., first]
+        by_node = np.where(first == second, 0.5, 1.0) * sheared  # how displacements change the strains, sheared ones twice
+        rows = by_node.reshape(*area.shape, 12, 3)
+        weighted = area[..., None, None] * rows
+        forces = (weighted @ single[..., None]).sum(1)[..., 0]
+        local = (weighted @ law @ np.swapaxes(rows, -1, -2)).sum(1).reshape(-1, 6, 2, 6, 2)
+        along = (np.swapaxes(slope, -1, -2) @ (area[..., None, None] * stress) @ slope).sum(1)
+        for axis in (0, 1):
+            local[:, :, axis, :, axis] += along
+        return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), self._matrix(local)
 
     def weight(self, gravity: np.ndarray) -> np.ndarray:
         """Load (2 N,) of an acceleration (2,) [m/s^2]."""
         return self.mass @ np.tile(gravity, len(self.nodes))
 
     def balanced(self, specific: float, load: np.ndarray, start: np.ndarray, springs: sp.csc_matrix | None = None, pull: np.ndarray | None = None) -> np.ndarray:
-        """Displacements (2 N,) in equilibrium at E / density [m^2/s^2], from a start; springs are a stiffness and the load that they pull with."""
+        """Displacements (2 N,) in equilibrium at E / density [m^2/s^2], from a start; springs are a stiffness and the load that they pull with.
+        Raises DivergedError for a start that is turned inside out."""
         u, free = start.copy(), self.free
         for _ in range(MOST_NEWTON):
             forces, tangent = self.inner(u)
@@ -123,13 +173,21 @@ class Plane:
             if springs is not None and pull is not None:
                 residual, matrix = residual + pull - springs @ u, matrix + springs
             step = splu(matrix[free][:, free].tocsc()).solve(residual[free])
-            u[free] += step
+            trial = u.copy()
+            trial[free] += step
+            for _ in range(MOST_HALVINGS):
+                if self._upright(trial):
+                    break
+                step = step / 2
+                trial[free] = u[free] + step
+            u = trial
             if np.abs(step).max() < CLOSE_M:
                 break
         return u
 
-    def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, step_s: float, steps: int) -> np.ndarray:
-        """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass. Raises DivergedError."""
+    def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, drag_per_m: float = 0.0, step_s: float, steps: int) -> np.ndarray:
+        """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass, with
+        a share that grows with speed. Raises DivergedError."""
         free, mass = self.free, self.mass[self.free][:, self.free].tocsc()
         late = SPECTRAL_RADIUS / (1 + SPECTRAL_RADIUS)  # share of the step's begin in elastic forces and drag
         early = (2 * SPECTRAL_RADIUS - 1) / (1 + SPECTRAL_RADIUS)
@@ -139,7 +197,7 @@ class Plane:
         out = [u.copy()]
         for _ in range(steps):
             u0, v0, a0 = u[free].copy(), v.copy(), a.copy()
-            new = u0 + step_s * v0
+            new = u0 + step_s * v0 + 0.5 * step_s**2 * a0
             between = u.copy()
             for _ in range(MOST_NEWTON):
                 a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
@@ -147,7 +205,7 @@ class Plane:
                 between[free] = (1 - late) * new + late * u0
                 forces, tangent = self.inner(between)
                 speed = (1 - late) * v + late * v0
-                residual = (load - specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - drag_per_s * (mass @ speed)
+                residual = (load - specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - mass @ (_drag(speed, drag_per_s, drag_per_m))
                 scale = (1 - early) / (beta * step_s**2) + (1 - late) * drag_per_s * gamma / (beta * step_s)
                 change = splu((scale * mass + (1 - late) * specific * tangent[free][:, free]).tocsc()).solve(residual)
                 new = new + change

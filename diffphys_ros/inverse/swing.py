@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..types import Body, Clip, StartValues, Swing, object_mask
+from .yielding import CalmSwing, Yielding, fitted
 
 if TYPE_CHECKING:
     from ..elements.plane import Plane
@@ -21,13 +22,14 @@ if TYPE_CHECKING:
 
 SECONDS = 1.0  # that are predicted
 FIRST_SHARE, LEAST_FIRST, MOST_FIRST = 0.14, 4, 7  # of a period, and frames, that pose and velocity of the first are read from, by a parabola
-SPRING = 0.1  # of a point, over E / density: stiff enough to follow the edge, soft enough to even out its noise
+SPRING = 1.0  # of a point, over E / density: a tip bent by 60 degrees then lies .1 px off its edges, at .1 one pixel and more
 ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them
 REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it
 BORDER_PX = 4.0  # of the picture, within which no edge counts
 ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for
 LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count
 TUNINGS = 3  # of the modulus
+GIVES = 0.5  # share of the modulus over the strain, for differences
 SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequency falls with the swing, and the share of the swing that counts as small
 TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it
 STEPS_A_PERIOD = 90.0  # of the integration, at the least
@@ -43,25 +45,30 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
         return None
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
     follower = _Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
-    softening = follower.softening(hz, _tip_amplitude(seen), seen.hanging.periods)
-    follower = follower.tuned(hz / softening)
     first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
     count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
     if poses is None:
         return None
+    told = follower.tip(poses[first // 2 :])
+    motion = float(np.sqrt(((told - told.mean(0)) ** 2).sum(1).mean()))
+    if motion < LEAST_SWING_PX:
+        return None
     times = (np.arange(first) - first // 2) * whole.period_s
     _, v, u = np.polyfit(times, poses[:first], 2)
     drag = float(start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2)  # all of it as of the mass: of strain it would brake what turns
-    predicted = follower.let_go(u, v, drag_per_s=drag, hz=hz, frames=count - first // 2)
-    if predicted is None:
+    calm = follower.calm(hz, drag, _tip_amplitude(seen), seen.hanging.periods)
+
+    def let_go(law: Yielding) -> np.ndarray | None:
+        under = follower.obeying(law, calm)
+        free = under.let_go(u, v, drag_per_s=calm.drag(law), drag_per_m=law.drag_per_m, hz=hz, frames=len(told))
+        return None if free is None else under.tip(free)
+
+    found = fitted(let_go, told)
+    if found is None:
         return None
-    tip, told = follower.tip(predicted), follower.tip(poses[first // 2 :])
-    motion = float(np.sqrt(((told - told.mean(0)) ** 2).sum(1).mean()))
-    error = float(np.sqrt(((tip - told) ** 2).sum(1).mean()))
-    if motion < LEAST_SWING_PX:
-        return None
-    return Swing(count - first // 2, motion, error, error / motion, softening)
+    error, constant = (float(np.sqrt(((tip - told) ** 2).sum(1).mean())) for tip in (found.tip, found.constant))
+    return Swing(len(told), motion, error, error / motion, constant / motion, found.law.softens, found.law.drag_per_m, hz / calm.small_hz(found.law))
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class _Follower:
 
         load = plane.weight(body.gravity[:2])
         sag = plane.balanced(specific, load, np.zeros(2 * len(plane.nodes)))
-        unloaded = type(plane)(plane.nodes - sag.reshape(-1, 2), plane.triangles, plane.held, plane.poisson)
+        unloaded = type(plane)(plane.nodes - sag.reshape(-1, 2), plane.triangles, plane.held, plane.poisson, plane.softens)
         load = unloaded.weight(body.gravity[:2])
         rest = unloaded.balanced(specific, load, sag)
         height = float(body.half_thickness[body.inside].max())
@@ -107,7 +114,7 @@ class _Follower:
         rest = self.plane.balanced(specific, self.load, self.rest)
         return replace(self, specific=specific, rest=rest)
 
-    def let_go(self, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, hz: float, frames: int) -> np.ndarray | None:
+    def let_go(self, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, drag_per_m: float = 0.0, hz: float, frames: int) -> np.ndarray | None:
         """Displacements (frames, 2 N) of the free motion from u with velocity v at the clip's frames, with steps as short as it needs; None where none are
         short enough."""
         from ..elements.plane import DivergedError
@@ -117,20 +124,36 @@ class _Follower:
         for finer in (1, 2, 4, 8):
             number = finer * substeps
             try:
-                return self.plane.march(self.specific, self.load, u, v, drag_per_s=drag_per_s, step_s=period_s / number, steps=(frames - 1) * number)[::number]
+                return self.plane.march(self.specific, self.load, u, v, drag_per_s=drag_per_s, drag_per_m=drag_per_m, step_s=period_s / number, steps=(frames - 1) * number)[::number]
             except DivergedError:
                 continue
         return None
 
-    def softening(self, hz: float, tip_px: float, periods: float) -> float:
-        """By how much the leading frequency of a swing that begins with such a tip's amplitude [px] is lower than that of a small one, as a factor."""
-        plane, free = self.plane, self.plane.free
-        mode = plane.slowest(self.specific, self.load, self.rest)[1]
+    def obeying(self, law: Yielding, calm: CalmSwing) -> _Follower:
+        """The same of a material that gives way, with the calm frames' frequency."""
+        return replace(self, plane=replace(self.plane, softens=law.softens)).tuned(calm.small_hz(law))
+
+    def calm(self, hz: float, drag_per_s: float, tip_px: float, periods: float) -> CalmSwing:
+        """The swing of the calm frames: frequency, drag, amplitude of the tip [px] at its begin, and how many periods."""
+        mode = self.plane.slowest(self.specific, self.load, self.rest)[1]
+        moved = np.hypot(*((self._bent(mode, tip_px) - self.rest).reshape(-1, 2).T))
+        weight = np.asarray(self.plane.mass.sum(1)).ravel()[::2]
+        usual = float((weight * moved**3).sum() / max((weight * moved**2).sum(), 1e-30))  # of an amplitude, as drag of squared speed weighs it
+        constant, giving = (replace(self, plane=replace(self.plane, softens=share)).softening(hz, mode, tip_px, periods) for share in (0.0, GIVES))
+        return CalmSwing(hz, drag_per_s, 8 / (3 * np.pi) * 2 * np.pi * hz * usual, (constant, (giving - constant) / GIVES))
+
+    def _bent(self, mode: np.ndarray, tip_px: float) -> np.ndarray:
+        """Displacements (2 N,) with the tip so far aside along a mode."""
         size = np.linalg.norm(self.tip((self.rest + mode)[None]) - self.tip(self.rest[None]))
+        return self.rest + mode * tip_px / max(float(size), 1e-12)
+
+    def softening(self, hz: float, mode: np.ndarray, tip_px: float, periods: float) -> float:
+        """By how much the leading frequency of a swing that begins with such a tip's amplitude [px] is lower than that of a small one, as a factor."""
         step_s = 1 / (STEPS_A_PERIOD * hz)
-        begun = self.rest + np.where(np.isin(np.arange(len(mode)), free), mode, 0.0) * tip_px / max(float(size), 1e-12)
-        found = [self._frequency(plane.march(self.specific, self.load, self.rest + share * (begun - self.rest), 0 * mode, drag_per_s=0.0, step_s=step_s, steps=round(STEPS_A_PERIOD * min(periods, SOFTENING_PERIODS))), step_s) for share in (SMALL, 1.0)]
-        return found[1] / found[0]
+        steps = round(STEPS_A_PERIOD * min(periods, SOFTENING_PERIODS))
+        moved = [self.plane.march(self.specific, self.load, self._bent(mode, share * tip_px), 0 * mode, drag_per_s=0.0, step_s=step_s, steps=steps) for share in (SMALL, 1.0)]
+        small, large = (self._frequency(u, step_s) for u in moved)
+        return large / small
 
     def _frequency(self, u: np.ndarray, step_s: float) -> float:
         """Of the tip in a free motion (T, 2 N) [Hz], by where it passes its middle."""

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Swing:
-    """How the body, let go as the first frames show it, with the modulus of the calm frames and no force but its weight, swings against the picture."""
+    """How the body, let go as the first frames show it, with the modulus of the calm frames and no force but its weight, swings against the picture.
+    Two numbers are read from that swing itself: how the modulus gives way, and the drag of squared speed."""
 
     frames: int  # that are compared
     tip_motion_px: float  # of the free end, root mean square about its mean
     tip_error_px: float  # root mean square
     tip_error_share: float  # of the motion
+    constant_error_share: float  # the same where nothing is read from this swing: modulus and drag stay those of the calm frames
+    softens: float  # share by which the modulus falls, over the strain
+    drag_per_m: float  # of the air, over mass and squared speed
     softening: float  # frequency of the calm frames over that of a small swing: Young's modulus is found too small by about its square
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from diffphys_ros.elements.plane import Plane
+from diffphys_ros.elements.plane import DivergedError, Plane
 from diffphys_ros.types import Body
 
 LENGTH, WIDTH, SPECIFIC, GRAVITY = 0.1, 0.01, 100.0, 9.81
@@ -48,9 +50,11 @@ def test_a_rigid_turn_strains_nothing(plane: Plane) -> None:
     assert np.abs(forces).max() < 1e-12
 
 
-def test_the_tangent_is_the_slope_of_the_forces(plane: Plane) -> None:
+@pytest.mark.parametrize("softens", [0.0, 8.0])
+def test_the_tangent_is_the_slope_of_the_forces(plane: Plane, softens: float) -> None:
+    plane = replace(plane, softens=softens)
     rng = np.random.default_rng(0)
-    u, direction = (1e-3 * rng.standard_normal(2 * len(plane.nodes)) for _ in range(2))
+    u, direction = (3e-4 * rng.standard_normal(2 * len(plane.nodes)) for _ in range(2))
     step = 1e-5
     slope = (plane.inner(u + step * direction)[0] - plane.inner(u - step * direction)[0]) / (2 * step)
     assert plane.inner(u)[1] @ direction == pytest.approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
@@ -75,3 +79,29 @@ def test_a_free_swing_keeps_its_energy_and_drag_takes_its_share(plane: Plane) ->
         ratio.append(np.abs(u[150:, tip]).max() / 0.01)
     assert ratio[0] == pytest.approx(1.0, abs=0.01)
     assert ratio[1] / ratio[0] == pytest.approx(np.exp(-0.5 * 2.0 * 2 / hz), rel=0.01)
+
+
+def test_an_element_that_is_turned_inside_out_is_refused_and_never_entered(plane: Plane) -> None:
+    crushed = still(plane)
+    crushed[::2] = -1.5 * plane.nodes[:, 0]
+    with pytest.raises(DivergedError, match="inside out"):
+        plane.inner(crushed)
+    pressed = plane.balanced(SPECIFIC, plane.weight(np.array([-40 * GRAVITY, 0.0])), still(plane))
+    plane.inner(pressed)  # is sound
+
+
+def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: Plane) -> None:
+    """Pulled along by a twentieth of its length at the clamp, on the mean a fortieth."""
+    load = plane.weight(np.array([0.05 * SPECIFIC / LENGTH, 0.0]))
+    tip = 2 * int(plane.nodes[:, 0].argmax())
+    stretch = [replace(plane, softens=share).balanced(SPECIFIC, load, still(plane))[tip] for share in (0.0, 0.5)]
+    assert stretch[1] / stretch[0] == pytest.approx(1 + 0.5 * 2 / 3 * 0.05, abs=0.004)
+
+
+def test_drag_of_squared_speed_brakes_what_is_fast(plane: Plane) -> None:
+    """As in a vacuum without weight or stiffness: 1 / v grows by drag times time."""
+    speed = np.zeros(2 * len(plane.nodes))
+    speed[1::2] = 2.0
+    loose = replace(plane, held=np.zeros(len(plane.nodes), bool))
+    u = loose.march(SPECIFIC, still(plane), still(plane), speed, drag_per_s=0.0, drag_per_m=5.0, step_s=2e-3, steps=50)
+    assert u[-1, 1::2] == pytest.approx(np.log(1 + 5.0 * 2.0 * 0.1) / 5.0, rel=5e-3)

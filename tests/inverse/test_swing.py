@@ -17,7 +17,7 @@ from diffphys_ros.types import Clip
 from tests.elements.test_plane import bar
 
 SPECIFIC, LENGTH, WIDTH, BEHIND_PX, PX_PER_M = 70.0, 0.08, 0.01, 12.0, 1500.0
-FPS, FRAMES, DRAG = 90.0, 180, 3.0
+FPS, FRAMES, DRAG, PUSH = 90.0, 180, 3.0, 4.0  # push aside [m/s^2], before it is let go
 SIZE = (128, 150)
 
 
@@ -25,7 +25,7 @@ def film() -> Clip:
     plane = Plane.of(bar(LENGTH, WIDTH))
     load = plane.weight(np.array([9.81, 0.0]))
     rest = plane.balanced(SPECIFIC, load, np.zeros(2 * len(plane.nodes)))
-    pulled = plane.balanced(SPECIFIC, load + plane.weight(np.array([0.0, 6.0])), rest)
+    pulled = plane.balanced(SPECIFIC, load + plane.weight(np.array([0.0, PUSH])), rest)
     u = plane.march(SPECIFIC, load, pulled, 0 * rest, drag_per_s=DRAG, step_s=0.5 / FPS, steps=2 * (FRAMES + 3))[6::2]  # let go three frames ago
     x, y = plane.nodes.T
     ring = np.concatenate([np.flatnonzero(y < -WIDTH / 2 + 1e-6)[np.argsort(x[y < -WIDTH / 2 + 1e-6])], np.flatnonzero(y > WIDTH / 2 - 1e-6)[np.argsort(-x[y > WIDTH / 2 - 1e-6])]])
@@ -65,3 +65,10 @@ def test_the_calm_frames_predict_the_large_swing_from_frame_0(prepared: Prepared
 def test_no_force_is_found_in_the_calm_frames(prepared: Prepared) -> None:
     assert not prepared.start.forced.any()
     assert np.abs(prepared.start.force).max() < 0.05 * 1000 * 9.81
+
+
+def test_what_does_not_give_way_is_not_found_to(prepared: Prepared) -> None:
+    swing = prepared.hanging.swing
+    assert swing.softens == 0
+    assert swing.drag_per_m == 0
+    assert swing.tip_error_share == swing.constant_error_share

@@ -1,0 +1,107 @@
+"""A filmed swing fitted on its first half and let go on: how far the free end is off over the next five periods.
+
+usage: python benchmarks/swing_ahead.py FILM.mp4 [--setting value ...]     (the flags of diffphys recover)
+
+Rest, clamp and scale are the outline's own, from the calm frames. Modulus, drag, and how both depend on the size of the swing, are fitted on frames 0
+to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from diffphys_ros import config
+from diffphys_ros.__main__ import _flags
+from diffphys_ros.bags.read import read_clip
+from diffphys_ros.config import Settings
+from diffphys_ros.elements.plane import Plane
+from diffphys_ros.inverse.outlined import Outlined, outlined
+from diffphys_ros.inverse.swing import MOST_FIRST, _Follower
+from diffphys_ros.start import start_values
+
+PERIODS, ROUNDS = 5, 2
+STEPS = np.array([0.002, 0.1, 0.1, 0.05])  # of log frequency, drag [1/s], softening, drag of squared speed [1/m]
+USUAL, SPREAD = np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.1, 10.0, 1.0, 1.0])
+LEAST, MOST = np.array([-0.5, 0.0, 0.0, 0.0]), np.array([0.5, 20.0, 3.0, 3.0])
+EXPECTED = 0.03  # error over motion that no such law explains
+
+
+def finished(steps: Generator[Any, None, Any]) -> Any:
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value
+
+
+class Film:
+    """A film whose outline is followed over its first half and five periods more."""
+
+    def __init__(self, path: str, settings: Settings):
+        seen: Outlined | None = finished(outlined(read_clip(path, settings), settings))
+        if seen is None:
+            raise SystemExit(f"{path}: its outline is not what is followed")
+        start, _ = start_values(seen.body, seen.tracks, seen.clip.period_s, seen.settings, camera=seen.clip.camera)
+        self.hz, self.period_s = float(start.observed_hz[0]), seen.whole.period_s
+        specific = float(start.young[0] / seen.body.density[0])
+        self.follower = _Follower.of(Plane.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
+        self.half = len(seen.whole) // 2 - MOST_FIRST // 2
+        self.end = min(len(seen.whole) - MOST_FIRST // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
+        poses = self.follower.poses(self.end + MOST_FIRST // 2)
+        if poses is None:
+            raise SystemExit(f"{path}: the outline is lost")
+        times = (np.arange(MOST_FIRST) - MOST_FIRST // 2) * self.period_s
+        _, self.v, self.u = np.polyfit(times, poses[:MOST_FIRST], 2)
+        self.told = self.follower.tip(poses[MOST_FIRST // 2 :])
+
+    def tip(self, law: np.ndarray, frames: int) -> np.ndarray:
+        """The free end (frames, 2) [px] under a law."""
+        under = replace(self.follower, plane=replace(self.follower.plane, softens=law[2])).tuned(self.hz * np.exp(law[0]))
+        free = under.let_go(self.u, self.v, drag_per_s=law[1], drag_per_m=law[3], hz=self.hz, frames=frames)
+        if free is None:
+            raise SystemExit("the motion cannot be simulated")
+        return under.tip(free)
+
+    def better(self, law: np.ndarray, frames: int) -> np.ndarray:
+        """One step of Gauss and Newton on the first frames."""
+        told, tip = self.told[:frames], self.tip(law, frames)
+        unit = EXPECTED * np.linalg.norm(told - told.mean(0))
+        slope = np.stack([(self.tip(law + step, frames) - tip).ravel() / step.sum() for step in np.diag(STEPS)], 1) / unit
+        pull = slope.T @ (tip - told).ravel() / unit + (law - USUAL) / SPREAD**2
+        return np.clip(law - np.linalg.solve(slope.T @ slope + np.diag(1 / SPREAD**2), pull), LEAST, MOST)
+
+    def law(self) -> np.ndarray:
+        """Fitted on the first half."""
+        period = round(1 / (self.hz * self.period_s))
+        found = USUAL
+        for frames in sorted({min(n, self.half) for n in (period, 2 * period, self.half // 2, self.half)}):
+            for _ in range(ROUNDS):
+                found = self.better(found, frames)
+        return found
+
+
+def error(tip: np.ndarray, told: np.ndarray) -> float:
+    """Over the motion, root mean square."""
+    return float(np.linalg.norm(tip - told) / np.linalg.norm(told - told.mean(0)))
+
+
+def main(path: str, *flags: str) -> None:
+    """One line for a film."""
+    film = Film(path, config.layered([], _flags(list(flags))))
+    law = film.law()
+    tip, half = film.tip(law, film.end), film.half
+    periods = (film.end - half) * film.period_s * film.hz
+    print(
+        f"{path}: {half} frames fitted to {100 * error(tip[:half], film.told[:half]):.1f} %, the next {periods:.1f} periods missed by {100 * error(tip[half:], film.told[half:]):.1f} %; "
+        f"{film.hz * np.exp(law[0]):.3f} Hz, drag {law[1]:.2f} /s and {law[3]:.2f} /m, softens {law[2]:.2f}"
+    )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
