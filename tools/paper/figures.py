@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from scipy.spatial import cKDTree
 
+from diffphys_ros.colours import stiffness_range
 from diffphys_ros.types import Clip, Recovery
 
 from .pictures import moving
@@ -18,6 +21,7 @@ from .rows import young_moved_with
 TIMES, ARROWS, ARROW_SHARE, DPI = 4, 60, 0.25, 80  # arrows a frame; the longest's share of the object's size
 VIEWS = ((0.0, 0.0), (0.0, 60.0), (60.0, 20.0))  # elevation and azimuth [deg] from the camera's side
 DIFFERENCE_GAIN = 4
+WORDS_WIDTH = 120  # characters a line
 
 
 def draw_all(folder: Path, recovery: Recovery, clip: Clip) -> Iterator[tuple[str, Path]]:
@@ -54,11 +58,13 @@ def force(recovery: Recovery, clip: Clip) -> Figure:
 
 def material(recovery: Recovery, clip: Clip) -> Figure:
     """log10 of Young's modulus, as simulated, on the particles from several views."""
+    young = young_moved_with(recovery)
+    low, high = stiffness_range(young)  # of all views
     across, down, along = _camera_axes(recovery.points, clip)
     figure = Figure(figsize=(13, 4), layout="constrained")
     all_axes = [figure.add_subplot(1, len(VIEWS), k + 1, projection="3d") for k in range(len(VIEWS))]
     for axes, (elevation, azimuth) in zip(all_axes, VIEWS, strict=True):
-        dots = axes.scatter(across, along, -down, c=np.log10(young_moved_with(recovery)), s=5, cmap="viridis")
+        dots = axes.scatter(across, along, -down, c=np.log10(young), s=5, cmap="viridis", vmin=low, vmax=high)
         axes.view_init(elevation, azimuth - 90)
         axes.set(xticks=[], yticks=[], zticks=[])
         axes.set_box_aspect([max(float(np.ptp(values)), 1e-6) for values in (across, along, down)])  # type: ignore[attr-defined]
@@ -85,22 +91,22 @@ def parts(recovery: Recovery, clip: Clip) -> Figure:
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     axes.imshow(clip.frames[0])
+    words: list[str] = []
     for number, reason in enumerate(recovery.reasons, 1):
         here = pixels[recovery.part == number]
         if not len(here):
             continue
         colour, (low, high) = f"C{number - 1}", (here.min(0), here.max(0))
-        axes.scatter(*here.T, s=3, color=colour, alpha=0.3)
+        axes.scatter(here[:, 0], here[:, 1], s=3, color=colour, alpha=0.3)
         axes.add_patch(_box(low, high, colour))
         axes.text(low[0], low[1] - 3, f"part {number}", color=colour, fontsize=10)
-        figure.text(0.01, 0.01 + 0.03 * (number - 1), f"part {number}: {reason}"[:130], color=colour, fontsize=7)
+        words.append(f"part {number}: {reason}")
     axes.set(xticks=[], yticks=[])
+    axes.set_xlabel("\n".join(textwrap.fill(line, WORDS_WIDTH) for line in words), fontsize=7, loc="left")
     return figure
 
 
-def _box(low: np.ndarray, high: np.ndarray, colour: str) -> object:
-    from matplotlib.patches import Rectangle
-
+def _box(low: np.ndarray, high: np.ndarray, colour: str) -> Rectangle:
     return Rectangle((low[0], low[1]), *(high - low), fill=False, edgecolor=colour)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 from .rows import Row
 
@@ -14,7 +15,7 @@ IN_TABLE = {
     3: ("k-nearest-neighbour ratio, first frames of the clip", ("ratio_0.01", "ratio_0.02")),
     4: ("Grid, first frames of the clip", ("grid_32", "grid_64", "grid_128")),
 }
-PRINTED = {  # tables 1 to 4 of the paper: clip, row, masked PSNR, SSIM, LPIPS, time an iteration [s]
+PRINTED: dict[int, tuple[tuple[Any, ...], ...]] = {  # tables 1 to 4 of the paper: clip, row, masked PSNR, SSIM, LPIPS, time an iteration [s]
     1: (("four scenes", "PhysDreamer", 13.89, 0.550, 0.498), ("four scenes", "Physics3D", 14.72, 0.590, 0.452), ("four scenes", "PhysGaussian", 13.86, 0.570, 0.471), ("four scenes", "paper", 24.92, 0.750, 0.241)),
     2: (("four scenes", "material only", 13.42, 0.577, 0.438), ("four scenes", "force only", 23.01, 0.691, 0.289), ("four scenes", "joint", 24.92, 0.750, 0.241)),
     3: (("carnations", "0.01", 25.30, 0.8066), ("carnations", "0.02", 24.62, 0.7727), ("hat", "0.01", 37.68, 0.9850), ("hat", "0.02", 37.49, 0.9845)),
@@ -26,7 +27,7 @@ def table(number: int, rows: Sequence[Row]) -> str:
     """One of the paper's tables: measured rows, then those that the paper prints."""
     title, names = IN_TABLE[number]
     lines = [_measured(row) for row in rows if row.variant in names]
-    lines += [[clip, f"{name} (printed)", *map(_number, figures), *[""] * (6 - len(figures))] for clip, name, *figures in PRINTED[number]]  # type: ignore[arg-type]
+    lines += [[clip, f"{name} (printed)", *map(_number, figures), *[""] * (6 - len(figures))] for clip, name, *figures in PRINTED[number]]
     return _html(f"Table {number}. {title}", HEAD, lines)
 
 
