@@ -4,7 +4,7 @@ PY := $(VENV)/bin/python
 JOBS ?= 1
 export VENV
 
-.PHONY: help setup demo demo-starts graph many-clips kills soak test faults check mutants fuzz lint bench accuracy animation tables clean
+.PHONY: help setup demo demo-starts graph many-clips kills soak test faults check mutants fuzz lint bench accuracy animation paper tables clean
 
 help:
 	@echo "make demo         recover the bundled sample through fit_node; results in out/demo"
@@ -22,6 +22,7 @@ help:
 	@echo "make bench        speed of the simulator and the renderer"
 	@echo "make accuracy     the simulator against beam theory and finite elements"
 	@echo "make animation    recover both bundled clips and draw the moving pictures of the documents (six minutes on two cores)"
+	@echo "make paper        the paper's tables and figures in out/paper (docs/paper.md); QUICK=1 for a look, DEVICE=cuda:0, ONLY=\"paper default\""
 	@echo "make tables       rewrite the tables of the documents from the code and the stored rows"
 	@echo "make clean        remove results, builds and .venv"
 
@@ -77,6 +78,9 @@ animation: setup
 	$(VENV)/bin/diffphys recover bags/sample/clip.mcap --config bags/sample/given.yaml --out out/animation/parts
 	$(PY) scripts/animation.py out/animation/strip bags/sample_strip/clip.mcap --out docs/figures/animation.gif
 	$(PY) scripts/animation.py out/animation/parts bags/sample/clip.mcap --out docs/figures/animation_parts.gif
+
+paper: setup
+	OMP_NUM_THREADS=1 $(PY) -m tools.paper $(if $(QUICK),--quick) $(if $(DEVICE),--device $(DEVICE)) $(if $(LPIPS),--lpips $(LPIPS)) $(if $(ONLY),--only $(ONLY))
 
 tables: setup
 	$(PY) scripts/readme_tables.py

@@ -1,0 +1,126 @@
+"""The paper's figures of a recovery, as PNG."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from scipy.spatial import cKDTree
+
+from diffphys_ros.colours import stiffness_range
+from diffphys_ros.types import Clip, Recovery
+
+from .pictures import moving
+from .rows import young_moved_with
+
+TIMES, ARROWS, ARROW_SHARE, DPI = 4, 60, 0.25, 80  # arrows a frame; the longest's share of the object's size
+VIEWS = ((0.0, 0.0), (0.0, 60.0), (60.0, 20.0))  # elevation and azimuth [deg] from the camera's side
+DIFFERENCE_GAIN = 4
+WORDS_WIDTH = 120  # characters a line
+
+
+def draw_all(folder: Path, recovery: Recovery, clip: Clip) -> Iterator[tuple[str, Path]]:
+    """Writes the figures into a folder; yields title and file of each. The clip's frames are those of the recovery."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = {"Figure 1. Force": force(recovery, clip), "Figure 3. Material": material(recovery, clip), "Figure A.2. Parts": parts(recovery, clip)}
+    if recovery.frames is not None:
+        made |= {"Figure 4 and 5. Slices through space and time": slices(recovery.frames, clip.frames)}
+    for title, figure in made.items():
+        path = folder / (title.split(". ")[1].split(" ")[0].lower() + ".png")
+        figure.savefig(path, dpi=DPI, facecolor="white", metadata={"Software": None})
+        yield title, path
+
+
+def force(recovery: Recovery, clip: Clip) -> Figure:
+    """Arrows over the object at four times; colour is the force density's size [N/m^3]."""
+    chosen = np.linspace(0, len(recovery.trajectory) - 2, TIMES).round().astype(int)
+    few = cKDTree(recovery.points).query(_spaced(recovery.points), k=1)[1]
+    size = np.linalg.norm(recovery.force[:, few], axis=2)
+    largest = max(float(size[chosen].max()), 1e-30)
+    length = ARROW_SHARE * float(np.ptp(recovery.points, axis=0).max()) / largest
+    figure = Figure(figsize=(13, 3.6), layout="constrained")
+    axes_row = figure.subplots(1, TIMES)
+    for axes, k in zip(axes_row, chosen, strict=True):
+        tails = recovery.trajectory[k, few].astype(float)
+        (a, _), (b, _) = clip.camera.project(tails), clip.camera.project(tails + length * recovery.force[k, few])
+        axes.imshow(clip.frames[k])
+        arrows = axes.quiver(*a.T, *(b - a).T, size[k], angles="xy", scale_units="xy", scale=1, cmap="plasma", norm=Normalize(0, largest), width=0.006)
+        axes.set(xticks=[], yticks=[], title=f"{k * recovery.period_s:.2f} s")
+    figure.colorbar(arrows, ax=axes_row, shrink=0.8, label="force [N/m³]")
+    figure.suptitle("" if recovery.force_identified else "not identified")
+    return figure
+
+
+def material(recovery: Recovery, clip: Clip) -> Figure:
+    """log10 of Young's modulus, as simulated, on the particles from several views."""
+    young = young_moved_with(recovery)
+    low, high = stiffness_range(young)  # of all views
+    across, down, along = _camera_axes(recovery.points, clip)
+    figure = Figure(figsize=(13, 4), layout="constrained")
+    all_axes = [figure.add_subplot(1, len(VIEWS), k + 1, projection="3d") for k in range(len(VIEWS))]
+    for axes, (elevation, azimuth) in zip(all_axes, VIEWS, strict=True):
+        dots = axes.scatter(across, along, -down, c=np.log10(young), s=5, cmap="viridis", vmin=low, vmax=high)
+        axes.view_init(elevation, azimuth - 90)
+        axes.set(xticks=[], yticks=[], zticks=[])
+        axes.set_box_aspect([max(float(np.ptp(values)), 1e-6) for values in (across, along, down)])  # type: ignore[attr-defined]
+    figure.colorbar(dots, ax=all_axes, shrink=0.8, label="log10 E [Pa]")
+    figure.suptitle("" if recovery.identified.all() else "E not identified: what the simulation ended with")
+    return figure
+
+
+def slices(rendered: np.ndarray, video: np.ndarray) -> Figure:
+    """The image row that moves most over time: video, ours, their difference."""
+    row = int(moving(video).sum(1).argmax())
+    difference = np.clip(np.abs(video[:, row].astype(int) - rendered[:, row]) * DIFFERENCE_GAIN, 0, 255).astype(np.uint8)
+    figure = Figure(figsize=(13, 3.2), layout="constrained")
+    titles = ("video", "ours", f"difference, {DIFFERENCE_GAIN} times")
+    for axes, title, image in zip(figure.subplots(1, 3), titles, (video[:, row], rendered[:, row], difference), strict=True):
+        axes.imshow(image, aspect="auto", interpolation="nearest")
+        axes.set(title=title, xlabel=f"column of row {row} [px]", ylabel="frame")
+    return figure
+
+
+def parts(recovery: Recovery, clip: Clip) -> Figure:
+    """Every part on frame 0, with its box and what was assumed or found of its material."""
+    pixels = clip.camera.project(recovery.points)[0]
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(clip.frames[0])
+    words: list[str] = []
+    for number, reason in enumerate(recovery.reasons, 1):
+        here = pixels[recovery.part == number]
+        if not len(here):
+            continue
+        colour, (low, high) = f"C{number - 1}", (here.min(0), here.max(0))
+        axes.scatter(here[:, 0], here[:, 1], s=3, color=colour, alpha=0.3)
+        axes.add_patch(_box(low, high, colour))
+        axes.text(low[0], low[1] - 3, f"part {number}", color=colour, fontsize=10)
+        words.append(f"part {number}: {reason}")
+    axes.set(xticks=[], yticks=[])
+    axes.set_xlabel("\n".join(textwrap.fill(line, WORDS_WIDTH) for line in words), fontsize=7, loc="left")
+    return figure
+
+
+def _box(low: np.ndarray, high: np.ndarray, colour: str) -> Rectangle:
+    return Rectangle((low[0], low[1]), *(high - low), fill=False, edgecolor=colour)
+
+
+def _spaced(points: np.ndarray) -> np.ndarray:
+    """ARROWS points far from each other."""
+    chosen, distance = [0], np.full(len(points), np.inf)
+    while len(chosen) < min(ARROWS, len(points)):
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return points[chosen]
+
+
+def _camera_axes(points: np.ndarray, clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Across the image, down it and along the line of sight [m]."""
+    pixels, depth = clip.camera.project(points)
+    metres = (pixels - pixels.mean(0)) * depth[:, None] / clip.camera.focal_px
+    return metres[:, 0], metres[:, 1], depth
