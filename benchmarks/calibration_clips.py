@@ -101,11 +101,14 @@ class Maker:
 
 def clips_of(seeds: Iterable[int], kinds: Sequence[Kind], folder: Path, maker: Maker, jobs: int) -> list[Path]:
     """Folders of clips, g{SEED}-{KIND} each, made where they are not there; seeds without a scene are left out."""
+    seeds = list(seeds)
+    scenes = dict.fromkeys((seed, kind.scene) for kind in kinds for seed in seeds)  # kinds may share one
 
     def of_seed(seed: int) -> list[Path]:
         return [made for kind in kinds if (made := _clip(seed, kind, folder, maker)) is not None]
 
     with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(lambda scene: maker.make(*scene, _scene(folder, *scene)), scenes))
         return [clip for clips in pool.map(of_seed, seeds) for clip in clips]
 
 
@@ -117,9 +120,12 @@ def facts_of(clip: Path) -> dict[str, Any]:
     return {"seed": int(seed), "kind": kind, "materials": len(stats["E_Pa"]), "family": stats["family"], "gravity": stats["gravity"], "push": pushed}
 
 
+def _scene(folder: Path, seed: int, flags: Sequence[str]) -> Path:
+    return folder / "scenes" / "-".join((f"g{seed}", *(flag.strip("-") for flag in flags)))
+
+
 def _clip(seed: int, kind: Kind, folder: Path, maker: Maker) -> Path | None:
-    scene = folder / "scenes" / "-".join((f"g{seed}", *(flag.strip("-") for flag in kind.scene)))
-    maker.make(seed, kind.scene, scene)
+    scene = _scene(folder, seed, kind.scene)
     if (scene / REFUSED).exists():
         return None
     source = scene

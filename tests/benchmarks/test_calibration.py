@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -89,3 +90,24 @@ def test_the_page_shows_the_tables_of_the_stored_rows(calibration) -> None:
 def test_a_run_without_one_set_of_seeds_is_refused(calibration, words: list[str], tmp_path: Path, capsys) -> None:
     assert calibration.main([str(tmp_path), *words[1:]]) == 2
     assert "--seeds" in capsys.readouterr().err
+
+
+def test_kinds_that_look_at_the_same_scene_have_it_made_once_and_those_of_one_seed_side_by_side(calibration, tmp_path: Path) -> None:
+    clips, asked, together = calibration.clips_of.__globals__, [], threading.Barrier(2, timeout=30)
+
+    class Scenes(clips["Maker"]):
+        def make(self, seed: int, flags: tuple[str, ...], out: Path) -> None:
+            asked.append((seed, flags))
+            together.wait()  # both scenes of the seed are being made
+            out.mkdir(parents=True)
+            for name in ("clip.mcap", "mask0.png", "stats.json"):
+                (out / name).touch()
+            np.savez(out / "truth.npz", part_rho=[600.0])
+            (out / "given.yaml").write_text("scene: {mass_kg: 1.0}\n")
+
+    kinds = [clips["KINDS"][name] for name in ("told", "mass", "hook")]
+    made = calibration.clips_of([7], kinds, tmp_path, Scenes(tmp_path), 2)
+    assert sorted(asked) == [(7, ()), (7, ("--family", "hook", "--quick"))]
+    assert [path.name for path in made] == ["g7-told", "g7-mass", "g7-hook"]
+    assert "density_kg_m3" in (made[0] / "given.yaml").read_text()
+    assert "mass_kg" in (made[1] / "given.yaml").read_text()
