@@ -174,8 +174,10 @@ class StageNode(ManagedNode):
 
     def on_failed(self, reason: str) -> None:
         """The worker stopped for a reason, one sentence: state says whether it failed or was cancelled."""
-        log = self.get_logger()
-        (log.error if self.state == FAILED else log.info)(reason)
+        if self.state == FAILED:
+            self.get_logger().error(reason)
+        else:  # a line of its own: rclpy refuses two severities from one line
+            self.get_logger().info(reason)
 
     def on_idle(self) -> None:
         """The worker ended, for whatever reason, and the node has answered to that."""
