@@ -9,6 +9,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from .net import Net, foreseen
 
+UNCONFIGURED = "unconfigured"
 KEPT, CONFIGURED, ACTIVE = range(3)  # what an entity lasts for
 
 
