@@ -133,6 +133,17 @@ def test_a_job_that_fails_and_one_that_is_cancelled_are_said_by_the_same_node(ma
     assert said.count("[INFO]") == said.count("cancelled; ~/fit begins again") == 1
 
 
+def test_a_renamed_fit_node_signs_what_it_says_with_its_name(make_node) -> None:
+    node, sent = make_node(FitNode, "-r", "__node:=finder"), []
+    node.send = lambda name, fields: sent.append((name, fields))
+    node._say(stage="fit", iteration=1)
+    for kind in (FAILED, CANCELLED):
+        node._handle(Event(kind, InputError("the clip is too short; record a longer one")))
+    node._diagnose()
+    assert {name for name, _ in sent} == {"~/progress", "~/quality", "/diagnostics"}
+    assert {status["name"].partition(": ")[0] for _, fields in sent for status in fields["status"]} == {"finder"}
+
+
 def test_a_flood_of_bad_messages_is_no_flood_of_words() -> None:
     words = Words()
     net = Net(lambda: words)
