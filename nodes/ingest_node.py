@@ -91,7 +91,7 @@ class IngestNode(StageNode):
     def on_deactivated(self) -> None:
         super().on_deactivated()
         if self.player is not None:
-            self.player.stop()
+            self.player.close()
             self.player = None
 
     def on_parameters(self, names: Collection[str]) -> Collection[str]:
@@ -116,6 +116,8 @@ class IngestNode(StageNode):
         if held_up_by:
             return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
         if not self.intake.images and not self.dispatch.waiting:
+            if self.parameters["bag"] and (self.player is None or self.player.over):
+                return ""
             return " or ".join(self.beside.name(name) for name in (IMAGE, PRESSED) if name not in camera_topics.unwanted(self._transports()))
         if self._camera_missing():
             return self.beside.name(COLOUR_INFO)
