@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,8 @@ from diffphys_ros.inverse import Prepared
 from tests.coarse import coarse_elements
 
 from . import clips
+
+PAGE = Path(__file__).parents[2] / "docs" / "film_a_clip.md"
 
 
 @pytest.fixture
@@ -72,3 +75,9 @@ def test_a_gravity_that_is_not_there_leaves_no_stiffness(prepared: Callable[...,
     found = prepared(lambda clip: (clip.frames, clip.depth), "--scene.gravity_m_s2", "[0, 0, -100]")
     assert not found.start.identified.any()
     assert "scene.gravity_m_s2" in found.start.reasons[0]
+
+
+def test_the_page_shows_the_first_answer_that_the_bar_has(ingested: Callable[[str], Path]) -> None:
+    shown = re.findall(r"([\d.e+]+) Pa \(x/ ([\d.]+)\)", PAGE.read_text())
+    start = result.load_prepared(ingested("bar")).start
+    np.testing.assert_allclose(np.array(shown, float), np.stack([start.young, 10**start.log10_young_sd], 1), rtol=0.02)
