@@ -42,7 +42,7 @@ def test_a_sound_clip_is_not_doubted(kind: str, ingested: Callable[[str], Path])
 
 
 def test_a_camera_that_turns_slowly_is_taken_off(prepared: Callable[..., Prepared]) -> None:
-    found = prepared(clips.panned, source=sample_folder("bar"))
+    found = prepared(clips.panned, "--frames.fit", "24", source=sample_folder("bar"))
     with np.load(sample_folder("bar") / "truth.npz") as truth:
         error = np.log10(found.start.young / truth["part_E"])
     assert found.doubts == ()
@@ -51,7 +51,7 @@ def test_a_camera_that_turns_slowly_is_taken_off(prepared: Callable[..., Prepare
 
 
 def test_a_camera_that_turns_far_is_noticed(prepared: Callable[..., Prepared]) -> None:
-    (doubt,) = prepared(partial(clips.panned, px=2 * clips.PAN_PX), source=sample_folder("bar")).doubts
+    (doubt,) = prepared(partial(clips.panned, px=4 * clips.PAN_PX), "--frames.fit", "16", source=sample_folder("bar")).doubts
     assert doubt.of_young
     assert "the camera moves" in doubt.text
 
