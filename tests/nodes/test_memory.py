@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from diffphys_ros.msg_schemas import TOPICS
 from diffphys_ros.nodes.child import steps
+from diffphys_ros.nodes.clip_buffer import ClipBuffer
 from diffphys_ros.nodes.clip_stage import Assembled
 from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
@@ -21,6 +23,7 @@ from diffphys_ros.nodes.memory import give_back, resident_mib, resident_mib_of
 from diffphys_ros.nodes.segment_node import SegmentNode
 from diffphys_ros.nodes.shared import place_of, shared
 from diffphys_ros.nodes.splat_node import SplatNode
+from diffphys_ros.types import Clip
 
 from .processes import PATIENCE_S
 
@@ -96,6 +99,25 @@ def test_what_is_shared_is_there_once():
     before = resident_mib()
     del array, work
     assert resident_mib() < before - 90
+
+
+def test_a_clip_is_made_of_its_messages_with_little_memory_beside_it(made_clip):
+    """In memory that another process can share, without a copy on the way."""
+    buffer, camera = ClipBuffer(), replace(made_clip.camera, width=640, height=480)
+    frames = np.random.default_rng(0).integers(0, 255, (40, 480, 640, 3), dtype=np.uint8)
+    clip = Clip(frames, made_clip.start_ns, made_clip.period_s, camera, np.ones(frames.shape[:3], np.float32), np.ones(frames.shape[:3], np.uint8))
+    stamps = slot_stamps(clip)
+    for name, fields in (*clip_messages(clip, stamps), *mask_messages(clip, stamps)):
+        buffer.take(name, to_ros(TOPICS[name].type_name, fields))
+    give_back()
+    Path("/proc/self/clear_refs").write_text("5")  # the largest resident size begins anew
+    before = resident_mib()
+    made = buffer.clip()
+    most = int(re.search(r"^VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(), re.MULTILINE)[1]) / 1024  # type: ignore[index]
+    pairs = [(getattr(made, name), getattr(clip, name)) for name in ("frames", "depth", "labels")]
+    assert all(np.array_equal(one, other) for one, other in pairs)
+    assert all(place_of(one) is not None for one, _ in pairs)
+    assert most - before < 1.2 * sum(one.nbytes for one, _ in pairs) / 2**20
 
 
 @pytest.mark.parametrize(("stage", "work"), [(SegmentNode, "diffphys_ros.segment.label_clip"), (SplatNode, "diffphys_ros.inverse.fit_gaussians")])
