@@ -18,9 +18,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from clip_rig import NODES
-from processes import environment, node, pss_mib, run, stop
+from processes import environment, node, run, stop
 
 from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.memory import held_mib
 from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
 
 WIDTH, HEIGHT, HZ = 640, 480, 30
@@ -78,7 +79,7 @@ def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace) -> 
     began, recorded, opened, ended = time.monotonic(), 0, None, 0
     while ended < options.clips and time.monotonic() - began < options.limit:
         time.sleep(0.5)
-        now = {name: pss_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib([running[name].pid for name in NODES])}
+        now = {name: held_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib([running[name].pid for name in NODES])}
         now["all"] = sum(now.values())
         most = {name: max(value, now[name]) for name, value in most.items()}
         said = (options.out / "ingest_node.log").read_text()

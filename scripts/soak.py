@@ -17,7 +17,9 @@ from pathlib import Path
 
 import numpy as np
 from clip_rig import NODES, SILENCE_S, Rig, Told, rig
-from processes import pss_mib, run
+from processes import run
+
+from diffphys_ros.nodes.memory import held_mib
 
 START_S, CLIP_S = 120.0, 300.0  # longest waits
 KILLED = ("segment_node", "fit_node", "splat_node", "ingest_node")  # in turn
@@ -70,7 +72,7 @@ def soaked(graph: Rig, for_s: float, kill_every_s: float) -> Soak:
         graph.spin(lambda told=told: told.whole, 30.0 if told.number in seen.hit else CLIP_S)
         graph.spin(lambda: False, 2 * SILENCE_S)
         for name, process in graph.running.items():
-            seen.memory.setdefault((name, process.pid), []).append(pss_mib(process.pid))
+            seen.memory.setdefault((name, process.pid), []).append(held_mib(process.pid))
         print(f"clip {told.number}: {'its own result' if told.whole else 'none'}{', ' + seen.kills[-1] + ' was killed' if told.number in seen.hit else ''}", flush=True)
     return seen
 
