@@ -98,6 +98,7 @@ class Replay:
         self.lent = 0
         self._leases: list[weakref.ref[Lease]] = []  # in the order in which frames ran
         self._last: Run | None = None
+        self._chunk_tape: Tape | None = None
         self.once = self._tape(1, room=0)  # for runs that keep nothing
         self._make_room(self.whole_nodes if nodal else rest_nodes(grid, x_rest.cpu().numpy()))
 
@@ -181,7 +182,7 @@ class Replay:
         s.reserve(self.room)
         self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room
         self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes, frames=self.frames)
-        self._chunk_tape: Tape | None = None
+        self._chunk_tape = None
         self._marks = s.volume.new_zeros(0)
 
     def _replay(self, data: Tensor, room: int) -> None:
