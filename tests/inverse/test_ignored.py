@@ -10,8 +10,8 @@ import torch
 
 from diffphys_ros.config import build
 from diffphys_ros.depth import surface_depth
+from diffphys_ros.inverse import carried
 from diffphys_ros.inverse.carried import CarriedGaussians
-from diffphys_ros.inverse.evidence import pixels
 from diffphys_ros.inverse.evidence.pixels import ImageTerm, static_background
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.particles import bind
@@ -105,7 +105,7 @@ def test_gaussians_of_a_clip_that_begins_under_the_arm_do_not_know_it(crossed: t
 @pytest.mark.parametrize("frames", [1, 3])
 def test_frames_in_turn_give_the_loss_and_gradient_of_all_at_once(terms, crossed: tuple[Occluded, Clip], monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
     whole = terms(crossed[1])
-    monkeypatch.setitem(pixels.AT_ONCE, "cpu", 48 * frames)
+    monkeypatch.setitem(carried.AT_ONCE, "cpu", 48 * frames)
     parts = terms(crossed[1])
     assert parts[:2] == pytest.approx(whole[:2], rel=1e-5)
     np.testing.assert_allclose(parts[2], whole[2], atol=1e-5 * np.abs(whole[2]).max())
