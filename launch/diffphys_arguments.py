@@ -27,6 +27,12 @@ NODE = {
     "namespace": Argument("", "namespace of the nodes"),
     "use_sim_time": Argument("false", "take the time from /clock", bool),
     "log_level": Argument("info", "debug, info, warn, error or fatal"),
+    "respawn": Argument("false", "start a node again, two seconds after it ended by itself or was killed", bool),
+}
+SETTINGS = {
+    "device": Argument("", "cpu, cuda or cuda:1; empty: as the settings say"),
+    "time_budget_s": Argument("", "for a whole fit [s]; empty: as the settings say", float),
+    "target_frame": Argument("", "frame of the transforms that is the world, z up; empty: as the settings say"),
 }
 FIT = {
     "out": Argument("", "folder for the results; empty: none are written"),
@@ -39,7 +45,11 @@ PLAY = {
     "start": Argument("0.0", "of the recording, left out at the beginning [s]", float),
     "duration": Argument("0.0", "of the recording, taken at most [s]; 0: to its end", float),
 }
-INPUTS = {name: Argument(name, f"topic that ingest_node takes as {name}") for name in ("image", "camera_info", "depth", "mask", "camera_pose")}
+INPUTS = {name: Argument(name, f"topic that ingest_node takes as {name}") for name in ("image", "depth", "mask", "camera_pose", "imu")} | {
+    "camera_info": Argument("", "topic that ingest_node takes as camera_info; empty: the one beside the image, as drivers have it"),
+    "depth_camera_info": Argument("", "topic that ingest_node takes as depth_camera_info; empty: the one beside a depth that is given"),
+}
+MARKS = {name: Argument(name, f"topic that segment_node takes as {name}") for name in ("click", "first_mask")}
 INSPECT = {
     "rrd": Argument("diffphys.rrd", "rerun recording that inspect_node writes; earlier ones are kept"),
     "viewer": Argument("", "rerun viewer instead: a grpc URL, spawn, or web for a page at web_port"),
@@ -60,7 +70,11 @@ SHOWS = {
     "inspect": Argument("true", "start inspect_node", bool),
     "composed": Argument("false", "all nodes in one process", bool),
     "reliability": Argument("best_effort", "of the camera's topics: best_effort or reliable"),
+    "image_transport": Argument("any", "in which images are heard: any, raw or compressed"),
+    "depth_transport": Argument("any", "in which depth is heard: any, raw or compressedDepth"),
     "clip_trigger": Argument("always", "what opens a clip: always, manual (~/record) or motion"),
+    "clip_seconds": Argument("10.0", "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]", float),
+    "silence_s": Argument("2.0", "a clip ends after this long without an image [s]", float),
 }
 LOOKS = {
     "rerun": Argument("true", "start inspect_node, which writes a rerun recording or feeds a viewer", bool),
@@ -68,19 +82,21 @@ LOOKS = {
 }
 # A launch file's arguments, and which of them each of its nodes gets: {argument: parameter}.
 ARGUMENTS = {
-    "fit": {**BAG, **FIT, **NODE, **VIEWERS, "inspect": Argument("false", "start inspect_node beside it", bool), **INSPECT},
-    "graph": {**INPUTS, **SHOWS, **BAG, **PLAY, **FIT, **NODE, **VIEWERS, **INSPECT},
+    "fit": {**BAG, **FIT, **SETTINGS, **NODE, **VIEWERS, "inspect": Argument("false", "start inspect_node beside it", bool), **INSPECT},
+    "graph": {**INPUTS, **MARKS, **SHOWS, **BAG, **PLAY, **FIT, **SETTINGS, **NODE, **VIEWERS, **INSPECT},
     "inspect": {**INSPECT, **LOOKS, **VIEWERS, **NODE},
 }
 _ALL = {"config": "config", "use_sim_time": "use_sim_time"}
-_FIT = _ALL | {"out": "out", "exit_when_done": "exit_when_done"}
+_WORLD, _DEVICE = {"target_frame": "scene.target_frame"}, {"device": "fit.device"}
+_FIT = _ALL | _WORLD | _DEVICE | {"out": "out", "exit_when_done": "exit_when_done", "time_budget_s": "fit.time_budget_s"}
+_AS_CALLED = ("reliability", "image_transport", "depth_transport", "silence_s", "bag", *PLAY)
 _INSPECT = _ALL | {"rrd": "file", "viewer": "viewer", "web_port": "web_port"}
 GETS = {
     "fit": {"fit_node": _FIT | {"bag": "bag"}, "inspect_node": _INSPECT},
     "graph": {
-        "ingest_node": _ALL | {"clip_trigger": "clip.trigger"} | {name: name for name in ("reliability", "bag", *PLAY)},
-        "segment_node": _ALL,
-        "splat_node": _ALL,
+        "ingest_node": _ALL | _WORLD | {"clip_trigger": "clip.trigger", "clip_seconds": "clip.seconds"} | {name: name for name in _AS_CALLED},
+        "segment_node": _ALL | _WORLD | _DEVICE,
+        "splat_node": _ALL | _WORLD | _DEVICE,
         "fit_node": _FIT,
         "inspect_node": _INSPECT,
     },
@@ -114,6 +130,18 @@ def file_of_all(launch: str, nodes: list[str], given: dict[str, str]) -> str:
     return file.name
 
 
-def renamed(given: dict[str, str]) -> list[tuple[str, str]]:
-    """The camera's topics as ingest_node hears them; image transports publish compressed images below the raw topic."""
-    return [*((name, given[name]) for name in INPUTS), ("image/compressed", f"{given['image']}/compressed")]
+def renamed(node: str, given: dict[str, str]) -> list[tuple[str, str]]:
+    """The topics that a node of the graph hears under other names. Compressed images follow the raw ones by themselves."""
+    if node == "segment_node":
+        return [(name, given[name]) for name in MARKS]
+    if node != "ingest_node":
+        return []
+    depth_info = beside(given["depth"]) if given["depth"] != INPUTS["depth"].default else "depth_camera_info"
+    missing = {"camera_info": beside(given["image"]), "depth_camera_info": depth_info}
+    return [(name, given[name] or missing[name]) for name in INPUTS]
+
+
+def beside(image: str) -> str:
+    """Where a driver publishes the camera_info of a topic of images."""
+    space, slash, _ = image.rpartition("/")
+    return f"{space}{slash}camera_info"

@@ -13,6 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 
+RESPAWN_S = 2.0  # before a node that has ended is started again
 CONFIG = Path(__file__).absolute().parent.parent / "config"
 
 
@@ -28,6 +29,7 @@ def description(launch: str, actions: Any) -> LaunchDescription:
 
 def node(launch: str, name: str, given: dict[str, str], **more: Any) -> Node:
     """One of the nodes, with its own parameters after those of the file that all share."""
+    ends = name == "fit_node" and said(given, "exit_when_done")
     own = {key: ParameterValue(value, value_type=type(value)) for key, value in parameters(launch, name, given).items()}
     return Node(
         package="diffphys_ros",
@@ -37,13 +39,16 @@ def node(launch: str, name: str, given: dict[str, str], **more: Any) -> Node:
         parameters=[*files(given), own],
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
-        on_exit=[Shutdown(reason="the fit is done")] if name == "fit_node" and said(given, "exit_when_done") else None,
+        on_exit=[Shutdown(reason="the fit is done")] if ends else None,
+        respawn=said(given, "respawn") and not ends,
+        respawn_delay=RESPAWN_S,
         **more,
     )
 
 
 def one_process(launch: str, names: list[str], given: dict[str, str], **more: Any) -> Node:
     """These nodes in one process."""
+    again = said(given, "respawn") and not said(given, "exit_when_done")
     return Node(
         package="diffphys_ros",
         executable="graph",
@@ -52,7 +57,9 @@ def one_process(launch: str, names: list[str], given: dict[str, str], **more: An
         parameters=[*files(given), file_of_all(launch, names, given)],
         ros_arguments=["--log-level", given["log_level"]],
         output="screen",
-        on_exit=[Shutdown(reason="the nodes have ended")],
+        on_exit=None if again else [Shutdown(reason="the nodes have ended")],
+        respawn=again,
+        respawn_delay=RESPAWN_S,
         **more,
     )
 

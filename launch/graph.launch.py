@@ -1,6 +1,6 @@
 """Five nodes from a camera's topics, or from a recording that is played, to fields; in five processes, or with composed:=true in one.
 
-ros2 launch diffphys_ros graph.launch.py image:=/camera/color/image_raw camera_info:=/camera/color/camera_info depth:=/camera/depth/image_raw
+ros2 launch diffphys_ros graph.launch.py image:=/camera/color/image_raw depth:=/camera/aligned_depth_to_color/image_raw clip_trigger:=manual
 ros2 launch diffphys_ros graph.launch.py bag:=clip.mcap rate:=1.0
 """
 
@@ -20,10 +20,10 @@ def actions(given: dict[str, str]) -> Iterator[Any]:
     """The nodes, and what shows their results."""
     names = [name for name in GETS["graph"] if name != "inspect_node" or said(given, "inspect")]
     if said(given, "composed"):
-        yield shared.one_process("graph", names, given, remappings=[(f"ingest_node:{old}", new) for old, new in renamed(given)])
+        yield shared.one_process("graph", names, given, remappings=[(f"{name}:{old}", new) for name in names for old, new in renamed(name, given)])
     else:
         for name in names:
-            yield shared.node("graph", name, given, remappings=renamed(given) if name == "ingest_node" else [])
+            yield shared.node("graph", name, given, remappings=renamed(name, given))
     yield from shared.viewers(given)
 
 

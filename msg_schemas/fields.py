@@ -182,7 +182,7 @@ class Answer:
 
     def _quality(self, what: str, values: dict[str, Any], *, good: bool) -> dict[str, Any]:
         run = {"run": self.recovery.metrics["run"]} if "run" in self.recovery.metrics else {}
-        words = " ".join(self.recovery.notes)
+        words = "; ".join(note.rstrip(".") for note in self.recovery.notes)
         return status(f"{own_name(self.node)}: {what}", values | run, level=OK if good else WARN, message=words, hardware_id=self.camera.frame_id)
 
 

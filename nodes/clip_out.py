@@ -32,6 +32,7 @@ class Sent(NamedTuple):
     frames: int
     period_s: float
     notes: list[str]
+    with_depth: bool
 
 
 class Ready(NamedTuple):
@@ -83,13 +84,13 @@ def messages_of(intake: Intake, settings: config.Settings, made: Ready | None = 
         yield from frame(rig.camera, image.stamp, rig.colour(image.stamp, pixels), depth)
         stamps.append(image.stamp)
     yield from ending(rig.camera, stamps, with_depth=bool(depths))
-    return Sent(len(stamps), period_s, [*lost, *rig.notes, *clock, *paired])
+    return Sent(len(stamps), period_s, [*lost, *rig.notes, *clock, *paired], bool(depths))
 
 
 def messages_of_clip(clip: Clip) -> Generator[Plain, None, Sent]:
     """The messages of a clip that was read from a recording."""
     yield from clip_messages(clip, slot_stamps(clip))
-    return Sent(len(clip), clip.period_s, list(clip.notes))
+    return Sent(len(clip), clip.period_s, list(clip.notes), clip.depth is not None)
 
 
 def _of_one_size(intake: Intake) -> tuple[Size, list[Taken], list[str]]:

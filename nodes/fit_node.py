@@ -142,7 +142,7 @@ class FitNode(ClipStage):
         failed, reason = self.state == FAILED, reason.replace(OUT_FLAG, " with the parameter out")
         super().on_failed(f"run {self.run}: {reason}")
         level = messages.ERROR if failed else messages.WARN
-        self.send(PROGRESS, fields.progress(self.now_ns(), stage=self.state, text=reason, level=level, run=self.run))
+        self.send(PROGRESS, fields.progress(self.now_ns(), stage=self.state, text=reason, level=level, run=self.run, node=self.get_name()))
         if failed and self.playback is None:
             camera = "" if self.buffer.info is None else self.buffer.info.header.frame_id
             failed_of = {"run": self.run, "camera": camera, "hardware": camera or platform.node(), "node": self.get_name()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from diffphys_ros.msg_schemas import TOPICS
 
 from . import camera_bag, camera_topics, clip_job
 from .beside import COLOUR_INFO, DEPTH_INFO, IMU, POSE, Beside
-from .camera_topics import IMAGE, MASK, PRESSED
+from .camera_topics import ANY, IMAGE, MASK, PRESSED, TRANSPORTS
 from .clip_buffer import INFO
 from .clip_job import LOOK_S, Hand, News
 from .clip_out import Sent
@@ -23,6 +24,7 @@ from .convert import message_class, stamp_ns
 from .dispatch import MOST_WAITING, Dispatch
 from .intake import DEPTH, PRESSED_DEPTH, Intake
 from .limits import MAX_FRAMES, MAX_MIB, max_bytes
+from .managed import UNCONFIGURED
 from .memory import give_back
 from .parameters import Own, existing
 from .player import Part, Player
@@ -41,13 +43,18 @@ OWN = (
     Own("start", 0.0, "of `bag`, left out at the beginning [s]", low=0.0, high=MAX_PART_S),
     Own("duration", 0.0, "of `bag`, taken at most [s]; 0: to its end", low=0.0, high=MAX_PART_S),
     Own("reliability", "best_effort", "of the raw inputs", tuple(RELIABILITY)),
-    Own("clip.trigger", ALWAYS, "what opens a clip: always, the first image; manual, ~/record; motion, what moves", (ALWAYS, MANUAL, MOTION)),
-    Own("clip.seconds", 10.0, "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]", low=0.1, high=600.0),
-    Own("silence_s", 2.0, "a clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S),
-    Own("patience_s", 10.0, "how long a clip that has ended waits for the transform that it lacks [s]", low=0.0, high=MAX_SILENCE_S),
+    Own("image_transport", ANY, "in which the camera's images are heard; any: both, and the one that comes first is used", (ANY, *TRANSPORTS[IMAGE])),
+    Own("depth_transport", ANY, "in which depth images are heard; any: both, and the one that comes first is used", (ANY, *TRANSPORTS[DEPTH])),
+    Own("clip.trigger", ALWAYS, "what opens a clip: always, the first image; manual, ~/record; motion, what moves", (ALWAYS, MANUAL, MOTION), fixed=False),
+    Own("clip.seconds", 10.0, "how much of a camera that does not stop is kept, and the longest clip that ~/record or motion opens [s]", low=0.1, high=600.0, fixed=False),
+    Own("silence_s", 2.0, "a clip ends after this long without an image [s]", low=0.0, high=MAX_SILENCE_S, fixed=False),
+    Own("patience_s", 10.0, "how long a clip that has ended waits for the transform that it lacks [s]", low=0.0, high=MAX_SILENCE_S, fixed=False),
     Own("max_frames", 1200, "a clip ends after this many images", low=2, high=MAX_FRAMES),
     MAX_MIB._replace(doc="most that is kept of images [MiB]: half of it for what comes in and waits, half for the clip that is out; 218 frames of 640x480 px with depth"),
 )
+
+
+AT_ONCE = {"clip.trigger", "clip.seconds", "silence_s"}  # hold for a clip that is open, too
 
 
 class IngestNode(StageNode):
@@ -59,8 +66,7 @@ class IngestNode(StageNode):
         super().__init__("ingest_node", OWN, CLIP)
 
     def configure(self) -> None:
-        self.silence_s, self.patience_s = self.parameters["silence_s"], self.parameters["patience_s"]
-        beside = Beside({name: self.resolve_topic_name(name) for name in camera_topics.NAMES})
+        beside = Beside(camera_topics.resolved(self))
         self.intake = Intake(int(self.parameters["max_frames"]), max_bytes(self.parameters) // 2, beside)
         self.lacking = ""  # what the clip that is next waits for
         self.recorder = Recorder(self.intake, self.parameters["clip.trigger"], self.parameters["clip.seconds"], self._on_closed, self._doubt)
@@ -76,7 +82,8 @@ class IngestNode(StageNode):
 
     def activate(self) -> None:
         if not self.parameters["bag"]:
-            camera_topics.subscribe(self, self.take, self.parameters["reliability"])
+            camera_topics.subscribe(self, self.take, self.parameters["reliability"], self._transports())
+            self._say_unused()
             self._attend()
         elif self.state != "done":
             self._read_or_play()
@@ -84,8 +91,13 @@ class IngestNode(StageNode):
     def on_deactivated(self) -> None:
         super().on_deactivated()
         if self.player is not None:
-            self.player.stop()
+            self.player.close()
             self.player = None
+
+    def on_parameters(self, names: Collection[str]) -> Collection[str]:
+        if self.lifecycle != UNCONFIGURED:
+            self.recorder.change(self.parameters["clip.trigger"], self.parameters["clip.seconds"])
+        return AT_ONCE & set(names)
 
     @property
     def reading(self) -> bool:
@@ -104,14 +116,16 @@ class IngestNode(StageNode):
         if held_up_by:
             return f"{', '.join(held_up_by)} to end with the clip before; {len(self.dispatch.waiting)} wait"
         if not self.intake.images and not self.dispatch.waiting:
-            return f"{self.beside.name(IMAGE)} or {self.beside.name(PRESSED)}"
+            if self.parameters["bag"] and (self.player is None or self.player.over):
+                return ""
+            return " or ".join(self.beside.name(name) for name in (IMAGE, PRESSED) if name not in camera_topics.unwanted(self._transports()))
         if self._camera_missing():
             return self.beside.name(COLOUR_INFO)
         return "the end of the clip" if self.recorder.recording else ""
 
     def health(self) -> dict[str, Any]:
         waiting = {"clips_waiting": len(self.dispatch.waiting), "clips_dropped": self.dispatch.dropped, "held_mib": (self.intake.bytes + self.dispatch.bytes) / 2**20}
-        return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "dropped": self.ignored, **self.recorder.health(), **waiting}
+        return {"frames": len(self.intake.images), "frequency_hz": self._frequency(), "ignored": self.ignored, **self.recorder.health(), **waiting}
 
     def doubtful(self) -> bool:
         return bool(self.recorder.recording and self.recorder.warning())
@@ -122,7 +136,7 @@ class IngestNode(StageNode):
             return
         if isinstance(news, str):
             self.lacking = news
-            self.get_logger().warning(f"{news}; waiting for it for {self.patience_s:g} s")
+            self.get_logger().warning(f"{news}; waiting for it for {self.parameters['patience_s']:g} s")
             return
         self.lacking = ""
         topic, fields = news
@@ -137,7 +151,9 @@ class IngestNode(StageNode):
         give_back()
         for note in sent.notes:
             self.get_logger().warning(note)
-        self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart")
+        self.get_logger().info(f"published a clip of {sent.frames} frames, {sent.period_s * 1e3:.1f} ms apart, with{'' if sent.with_depth else 'out'} depth")
+        if not sent.with_depth and not self.parameters["bag"] and camera_topics.is_renamed(self, DEPTH):
+            self.get_logger().warning(f"{self.beside.name(DEPTH)}: no depth image came, though the topic was named; check its name, and that it is published")
 
     def _attend(self) -> None:
         """To stages that have ended with a clip, and to silence."""
@@ -166,12 +182,29 @@ class IngestNode(StageNode):
     def _take_image(self, topic: str, message: Any) -> None:
         self.note_input()
         if self.intake.topic not in ("", topic):
-            self.ignored += 1
+            self._ignore(topic)
             return
         self.intake.elsewhere = self.dispatch.bytes
         self.recorder.take(topic, message)
         self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
+
+    def _say_unused(self) -> None:
+        """Settings that choose topics of a recording choose none of a camera."""
+        topics = self.parameters.settings().topics
+        for name, value in ((name, getattr(topics, name)) for name in ("image", "depth", "camera_info", "imu", "mask")):
+            if value not in (None, "none"):
+                self.get_logger().warning(f"topics.{name} chooses a topic of a recording and changes nothing here; of a camera: -r {name}:={value}")
+
+    def _ignore(self, topic: str) -> None:
+        """An image that another topic has brought already."""
+        if not self.ignored:
+            used, other = self.beside.name(self.intake.topic), self.beside.name(topic)
+            self.get_logger().warning(f"{used} and {other} bring the same images: the latter are ignored; set image_transport, so that they are neither made nor sent")
+        self.ignored += 1
+
+    def _transports(self) -> dict[str, str]:
+        return {IMAGE: self.parameters["image_transport"], DEPTH: self.parameters["depth_transport"]}
 
     def _on_clip_done(self, message: Any) -> None:
         for status in message.status[:1]:
@@ -179,7 +212,7 @@ class IngestNode(StageNode):
 
     def _look(self) -> None:
         """For silence, and whether a clip that waits may go."""
-        if self.last_image is not None and time.monotonic() - self.last_image > self.silence_s:
+        if self.last_image is not None and time.monotonic() - self.last_image > self.parameters["silence_s"]:
             self.last_image, self.collected = None, 0
             self.recorder.silence()
         self._send_next()
@@ -202,7 +235,7 @@ class IngestNode(StageNode):
             return
         clip = self.dispatch.next(self._stages())
         if clip is not None:
-            self._start(partial(clip_job.collected, clip, self.parameters.settings(), self.patience_s, self._hand))
+            self._start(partial(clip_job.collected, clip, self.parameters.settings(), self.parameters["patience_s"], self._hand))
 
     def _camera_missing(self) -> bool:
         """Whether what the camera is may still be told: a clip that ended before waits for it."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from .net import Net, foreseen
 
+UNCONFIGURED = "unconfigured"
 KEPT, CONFIGURED, ACTIVE = range(3)  # what an entity lasts for
 
 
@@ -100,7 +102,8 @@ class ManagedNode(LifecycleNode):
         return self._noted(super().create_service(srv_type, srv_name, self.net.answering(callback, srv_name), **options), self.destroy_service)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """As rclpy's, under the net, gone with the state in which it was made."""
+        """As rclpy's, under the net, gone with the state in which it was made; by the steady clock, for simulated time may stand still."""
+        options.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
         place = getattr(callback, "__name__", "timer").strip("_")
         return self._noted(super().create_timer(timer_period_sec, self.net.around(callback, place), *arguments, **options), self.destroy_timer)
 

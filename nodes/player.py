@@ -70,7 +70,7 @@ class Player:
         self.unknown = self._advertise(names or {})
         self._clock = node.create_publisher(ClockMessage, CLOCK, QoSProfile(depth=1))
         self._timers: list[Any] = []
-        self._began = 0.0
+        self._began, self.over = 0.0, False  # over: nothing more is played
         self._left: Iterator[Raw] = iter(())
         self._next: Raw | None = None
 
@@ -82,9 +82,18 @@ class Player:
 
     def stop(self) -> None:
         """Play no more; publishers stay, so that what is latched can be had."""
-        for timer in self._timers:
-            timer.cancel()
+        self.over = True
+        for timer in self._timers:  # a node that was deactivated has destroyed them already
+            self._node.destroy_timer(timer)
+        self._timers = []
         self._open.close()
+
+    def close(self) -> None:
+        """Stop, and nothing that was latched can be had any more."""
+        self.stop()
+        for output in (*self.outputs.values(), self._clock):
+            self._node.destroy_publisher(output)
+        self.outputs = {}
 
     @property
     def now_ns(self) -> int:

@@ -34,6 +34,12 @@ class Recorder:
         self._closed, self._warn = closed, warn
         self.intake.one_mask = False
 
+    def change(self, trigger: str, seconds: float) -> None:
+        """Another trigger or length from here on; a clip that is open goes on."""
+        if trigger != self.trigger:
+            self.trigger, self.armed = trigger, trigger != MANUAL
+        self.seconds = seconds
+
     def take(self, topic: str, message: Any) -> None:
         """An image. Raises InputError for one that can be part of no clip."""
         if self.intake.images and self.intake.images[-1].stamp - stamp_ns(message) > REPLAY_JUMP_NS:

@@ -32,6 +32,8 @@ def main() -> int:
     stop.spinning = True
     try:
         player = _player(node, options)
+        if options.inputs:
+            node.get_logger().info(f"waiting until somebody subscribes to {', '.join(sorted(each.topic_name for each in player.outputs.values()))}")
         while not stop.wanted and options.inputs and not all(each.get_subscription_count() for each in player.outputs.values()):
             rclpy.spin_once(node, timeout_sec=SPIN_S)  # a driver would not wait; a replay that nobody hears is of no use
         player.start()

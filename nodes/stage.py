@@ -33,8 +33,10 @@ POLL_S = 0.05
 DIAGNOSTICS_S = 1.0
 SILENCE_WARNING_S = 1.0  # looked at once a second: said within two
 SAID_AGAIN_S = 10.0  # a word that still holds
+IDLE_AGAIN_S = 60.0  # that nothing has come yet, where nothing need come: a graph may wait for hours to be used
 KEPT_MIB = 32.0  # by which a node may grow with a job before it gives memory back
 JOIN_S = 2.0  # how long a closing node waits for its worker
+UNHEARD = "unheard"  # kind of a doubt
 HEALTH, CLOCK = "/diagnostics", "/clock"
 _NAME = re.compile(r"[~/\w][\w/]*")
 
@@ -63,7 +65,7 @@ class StageNode(ManagedNode):
         self.received = 0
         self.last_input: float | None = None
         self._publishes, self._outputs = publishes, dict[str, Publisher]()
-        self._said: dict[object, float] = {}
+        self._said: dict[object, float] = {}  # until when a word is not said again
         self._peak_mib, self._lean_mib = 0.0, resident_mib_of("self")
         self.advertise(HEALTH)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -174,8 +176,10 @@ class StageNode(ManagedNode):
 
     def on_failed(self, reason: str) -> None:
         """The worker stopped for a reason, one sentence: state says whether it failed or was cancelled."""
-        log = self.get_logger()
-        (log.error if self.state == FAILED else log.info)(reason)
+        if self.state == FAILED:
+            self.get_logger().error(reason)
+        else:  # a line of its own: rclpy refuses two severities from one line
+            self.get_logger().info(reason)
 
     def on_idle(self) -> None:
         """The worker ended, for whatever reason, and the node has answered to that."""
@@ -270,7 +274,7 @@ class StageNode(ManagedNode):
 
     def _unheard(self, now: float, wanted: str) -> Iterator[Doubt]:
         if wanted and now - self._quiet_since > SILENCE_WARNING_S:
-            yield Doubt("waiting", wanted, f"no data for {now - self._quiet_since:.0f} s; waiting for {_NAME.sub(self._resolved, wanted)}")
+            yield Doubt(UNHEARD, wanted, f"no data for {now - self._quiet_since:.0f} s; waiting for {_NAME.sub(self._resolved, wanted)}")
 
     def _resolved(self, name: re.Match[str]) -> str:
         topic = self._inputs.get(name[0])
@@ -280,9 +284,14 @@ class StageNode(ManagedNode):
         return topic + (f" ({count} publisher{'s' * (count > 1)})" if count else " (no publisher)")
 
     def _warn(self, doubt: Doubt, now: float) -> None:
-        self._said = {said: when for said, when in self._said.items() if now - when < SAID_AGAIN_S}
-        if doubt[:2] not in self._said:
-            self._said[doubt[:2]] = now
+        self._said = {said: until for said, until in self._said.items() if now < until}
+        if doubt[:2] in self._said:
+            return
+        idle = doubt.kind == UNHEARD and not self.watchful
+        self._said[doubt[:2]] = now + (IDLE_AGAIN_S if idle else SAID_AGAIN_S)
+        if idle:
+            self.get_logger().info(doubt.text)
+        else:
             self.get_logger().warning(doubt.text)
 
     @property

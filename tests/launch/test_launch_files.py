@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
+from diffphys_ros import config
 from tests.script import loaded
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,7 +43,7 @@ def test_there_is_one_file_a_use_and_all_take_the_common_arguments(arguments) ->
         for each in arguments.ARGUMENTS[name].values():
             assert each.doc
             assert each.kind is not bool or each.default in ("true", "false")
-            each.kind(each.default)
+            assert not each.default or each.kind(each.default) is not None
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -51,10 +52,13 @@ def test_every_parameter_that_a_node_gets_is_one_of_its_own_with_the_same_defaul
     for node, gets in arguments.GETS[name].items():
         module = importlib.import_module(f"diffphys_ros.nodes.{node}")
         own = {each.name: each.default for each in getattr(module, "OWN", ())}
+        own |= {setting: config.leaves()[setting].default for setting in config.read_by(node)}
         for argument, parameter in gets.items():
             each = arguments.ARGUMENTS[name][argument]
             if parameter in OF_ALL or parameter not in own:
                 assert parameter in OF_ALL, (node, parameter)
+            elif each.default == "":  # left to the node, whatever its default is
+                assert parameter == "bag" or parameter in config.leaves() or own[parameter] == "", (node, parameter)
             elif each.kind is bool:
                 assert own[parameter] is (each.default == "true")
             else:
@@ -86,11 +90,26 @@ def test_the_parameters_of_nodes_in_one_process_are_a_file_that_is_gone_when_the
     assert not list(tmp_path.iterdir())
 
 
-def test_inputs_are_renamed_with_the_compressed_images_below_the_raw_ones(arguments) -> None:
-    renamed = dict(arguments.renamed(given(arguments, "graph", image="/cam/image_raw")))
-    assert renamed["image"] == "/cam/image_raw"
-    assert renamed["image/compressed"] == "/cam/image_raw/compressed"
-    assert renamed["depth"] == "depth"
+def test_a_camera_is_named_by_its_images_and_its_camera_info_is_looked_for_beside_them(arguments) -> None:
+    renamed = dict(arguments.renamed("ingest_node", given(arguments, "graph", image="/cam/color/image_raw", depth="/cam/depth/image_rect_raw")))
+    assert (renamed["image"], renamed["camera_info"]) == ("/cam/color/image_raw", "/cam/color/camera_info")
+    assert (renamed["depth"], renamed["depth_camera_info"]) == ("/cam/depth/image_rect_raw", "/cam/depth/camera_info")
+    told = dict(arguments.renamed("ingest_node", given(arguments, "graph", image="/image_raw", camera_info="/info", depth_camera_info="/deep", imu="/imu/data")))
+    assert (told["camera_info"], told["depth_camera_info"], told["imu"]) == ("/info", "/deep", "/imu/data")
+    assert dict(arguments.renamed("segment_node", given(arguments, "graph", click="/clicked_point")))["click"] == "/clicked_point"
+    assert arguments.renamed("fit_node", given(arguments, "graph")) == []
+
+
+def test_without_arguments_the_graph_listens_to_the_names_of_the_nodes(arguments) -> None:
+    for node in arguments.GETS["graph"]:
+        assert all(old == new for old, new in arguments.renamed(node, given(arguments, "graph")))
+
+
+def test_every_topic_of_a_camera_has_an_argument(arguments) -> None:
+    pytest.importorskip("rclpy")
+    from diffphys_ros.nodes import camera_topics
+
+    assert {*arguments.INPUTS, *camera_topics.RAW} == {*camera_topics.NAMES}
 
 
 def test_a_namespace_goes_before_every_topic_that_rviz_shows(arguments) -> None:
@@ -135,6 +154,13 @@ def real(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 def test_the_graph_is_five_processes_or_one(real, composed: str, nodes: int) -> None:
     _, made = real("graph", composed=composed)
     assert len([each for each in made if type(each).__name__ == "Node"]) == nodes
+
+
+@pytest.mark.parametrize(("changes", "again"), [({}, 0), ({"respawn": "true"}, 5), ({"respawn": "true", "exit_when_done": "true"}, 4), ({"respawn": "true", "composed": "true"}, 1)])
+def test_nodes_are_started_again_where_that_is_wanted_and_not_a_fit_that_is_done(real, changes: dict[str, str], again: int) -> None:
+    _, made = real("graph", **changes)
+    respawned = [each for each in made if type(each).__name__ == "Node" and each._ExecuteLocal__respawn]
+    assert len(respawned) == again
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -214,7 +214,8 @@ def test_a_camera_without_a_pose_looks_along_x_of_a_world_of_its_own(made_recove
 
 
 def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery, made_clip):
-    statuses = answer(replace(made_recovery, identified=np.array([True, False])), made_clip).quality()["status"]
+    told = replace(made_recovery, identified=np.array([True, False]), notes=("density assumed", "depth: of the bag."))
+    statuses = answer(told, made_clip).quality()["status"]
     *statuses, force = statuses
     assert len(statuses) == 2
     assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source"]
@@ -222,7 +223,7 @@ def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery,
     assert [list(messages.values_of(s)) for s in statuses] == [keys, keys]
     assert [s["level"] for s in statuses] == [messages.OK, messages.WARN]
     assert messages.values_of(statuses[1])["young_modulus"] == "nan"
-    assert "density assumed" in statuses[0]["message"]
+    assert statuses[0]["message"] == "density assumed; depth: of the bag"
 
 
 @pytest.mark.parametrize(("known", "level"), [(True, messages.OK), (False, messages.WARN)])

@@ -88,6 +88,12 @@ def test_silence_ends_the_clip_and_a_late_listener_gets_all_of_it(camera, made_c
     np.testing.assert_array_equal(clip.frames[clip.seen], made_clip.frames[clip.seen])
 
 
+def test_silence_ends_the_clip_though_the_simulated_time_stands_still(camera, made_clip):
+    c = camera(silence_s=0.3, use_sim_time="true")  # as when a recording, and its /clock, has ended
+    c.publish(made_clip, range(len(made_clip)))
+    c.until(lambda: c.node.state == "done", 30.0)
+
+
 def test_the_service_ends_the_clip_and_what_comes_later_opens_none_before_reset(camera, made_clip):
     c = camera(silence_s=1000.0)
     assert not c.call("end").success  # nothing there yet

@@ -16,8 +16,10 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import messages
 from diffphys_ros.nodes.clip_checks import check_colour
 from diffphys_ros.nodes.convert import to_ros
+from diffphys_ros.nodes.fit_node import FitNode
 from diffphys_ros.nodes.net import MAX_WORDS, Net, sentence_of
 from diffphys_ros.nodes.stage import StageNode
+from diffphys_ros.nodes.worker import CANCELLED, FAILED, Event
 
 from .processes import PATIENCE_S
 
@@ -117,6 +119,29 @@ def test_a_result_that_cannot_be_published_is_a_failure(world) -> None:
     node.worker.start(lambda: iter(()))
     until(lambda: node.state == "failed")
     assert node.worker.start(lambda: iter(()))
+
+
+@pytest.mark.parametrize("states", [(FAILED, CANCELLED), (CANCELLED, FAILED)])
+def test_a_job_that_fails_and_one_that_is_cancelled_are_said_by_the_same_node(make_node, capfd, states) -> None:
+    node, idle = make_node(FitNode), []
+    node.on_idle = lambda: idle.append(node.state)
+    for kind in states:
+        node._handle(Event(kind, InputError("the clip is too short; record a longer one")))
+    assert idle == list(states)
+    said = capfd.readouterr().err
+    assert said.count("[ERROR]") == said.count("the clip is too short") == 1
+    assert said.count("[INFO]") == said.count("cancelled; ~/fit begins again") == 1
+
+
+def test_a_renamed_fit_node_signs_what_it_says_with_its_name(make_node) -> None:
+    node, sent = make_node(FitNode, "-r", "__node:=finder"), []
+    node.send = lambda name, fields: sent.append((name, fields))
+    node._say(stage="fit", iteration=1)
+    for kind in (FAILED, CANCELLED):
+        node._handle(Event(kind, InputError("the clip is too short; record a longer one")))
+    node._diagnose()
+    assert {name for name, _ in sent} == {"~/progress", "~/quality", "/diagnostics"}
+    assert {status["name"].partition(": ")[0] for _, fields in sent for status in fields["status"]} == {"finder"}
 
 
 def test_a_flood_of_bad_messages_is_no_flood_of_words() -> None:

@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -216,6 +217,37 @@ def test_a_bad_message_of_a_recording_costs_itself(make_node, made_clip, tmp_pat
     executor.shutdown()
     assert node.collected == len(made_clip) - 1
     assert (node.net.refused, node.net.faults) == (2, 0)
+
+
+def test_a_recording_that_has_ended_is_not_waited_for(make_node, made_clip, tmp_path):
+    node = make_node(IngestNode, bag=recorded(tmp_path / "bag", made_clip), rate=20.0)
+    assert node.waiting_for().startswith("/")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    end = time.monotonic() + PATIENCE_S
+    while not (node.state == "done" and node.player.over):
+        assert time.monotonic() < end, node.state
+        executor.spin_once(timeout_sec=0.02)
+    assert node.waiting_for() == ""
+    node.trigger_deactivate()
+    node.trigger_activate()
+    executor.shutdown()
+    assert node.waiting_for() == ""
+
+
+def test_a_node_that_is_deactivated_while_it_plays_begins_again_when_it_is_active(make_node, made_clip, tmp_path):
+    node = make_node(IngestNode, bag=recorded(tmp_path / "bag", made_clip), loop=True, rate=2.0)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    for _ in range(2):
+        before, end = node.collected, time.monotonic() + PATIENCE_S
+        while node.collected < before + 3:
+            assert time.monotonic() < end, node.state
+            executor.spin_once(timeout_sec=0.02)
+        assert {topic: node.count_publishers(topic) for topic in node.player.outputs} == dict.fromkeys(node.player.outputs, 1)
+        assert node.trigger_deactivate() == node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    executor.shutdown()
+    assert node.net.faults == 0
 
 
 def test_a_part_without_images_is_said_to_hold_none(make_node, made_clip, tmp_path):

@@ -145,6 +145,36 @@ def test_what_is_lost_on_the_way_is_a_warning_in_diagnostics_within_two_seconds(
     assert f"start the driver with {VARIABLE}={PROFILE}" in said
 
 
+def test_a_stage_that_nobody_has_used_yet_says_so_once_a_minute_and_warns_of_nothing(make_node, capfd):
+    node = make_node(SegmentNode)
+    node._quiet_since -= 10.0
+    for _ in range(3):
+        node._said = {said: until - 10.0 for said, until in node._said.items()}  # as if so much time had passed
+        node._diagnose()
+    said = capfd.readouterr().err
+    assert said.count("[INFO]") == said.count("no data for 10 s; waiting for /clip/image (no publisher)") == 1
+    node.note_input()  # a part of a clip is there
+    node._quiet_since -= 10.0
+    node._said.clear()
+    node._diagnose()
+    assert "[WARN]" in capfd.readouterr().err
+
+
+def test_depth_that_is_published_and_does_not_come_is_a_warning_within_two_seconds(driven):
+    node, other, output, health, until = driven("best_effort")
+    other.create_publisher(Image, "depth", sensor("best_effort"))
+    until(lambda: output.get_subscription_count() and node.count_publishers("/depth"))
+    image, sent = Image(height=4, width=4, encoding="rgb8", step=12, data=bytes(48)), []
+
+    def warns_of_depth() -> bool:
+        image.header.stamp.nanosec = len(sent) * 20_000_000 % 10**9
+        image.header.stamp.sec = len(sent) // 50
+        sent.append(output.publish(image))
+        return warned(health) and "/depth: no message yet, though it has a publisher" in health[-1].status[0].message
+
+    assert until(warns_of_depth) < 2.0
+
+
 def test_a_publisher_with_another_quality_of_service_is_a_warning_with_the_cure(driven):
     node, other, output, health, until = driven("best_effort", reliability="reliable")
     until(lambda: warned(health) and "/image: a publisher offers another reliability than is wanted" in health[-1].status[0].message)
