@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ MOST_SIDE = 16_384  # px of a frame
 LATEST_NS = 2**62  # of a stamp, to either side of 1970: the difference of two fits into 64 bits
 PERIODS_S = (1e-6, 100.0)  # between two frames
 Stamped = Sequence[tuple[int, np.ndarray]]  # stamp [ns], image
+Zeros = Callable[[tuple[int, ...], type], np.ndarray]  # shape, type: numpy's, or others that make the arrays of a clip where they are to lie
 
 
 class Bounded:
@@ -58,6 +59,7 @@ def assemble(
     notes: Sequence[str] = (),
     slop_s: float | None = None,
     frames: FrameSettings | None = None,
+    zeros: Zeros = np.zeros,
 ) -> Clip:
     """A Clip from stamped images.
 
@@ -70,6 +72,7 @@ def assemble(
         source: where the clip comes from; error messages name it. notes: put before the notes found here.
         slop_s: longest time between a colour image and its depth image [s]; half a period where not given.
         frames: which frames of the clock to take, all where not given; of the others nothing but their stamps is looked at.
+        zeros: makes the arrays of frames and depth.
 
     Raises InputError for fewer than two frames, sizes that differ or are too large, stamps that are no clock, depth that holds nothing,
     more than MOST_FRAMES or MOST_PIXELS, and fewer than `frames` asks for.
@@ -90,16 +93,16 @@ def assemble(
         notes += [f"the first {fitted} of {total} frames are fitted (frames.fit), the last {left_out} are left out"] if left_out else []
         slots, stamps = slots[kept], stamps[kept]
     last_of_slot = np.searchsorted(slots, np.arange(slots[-1] + 1), side="right") - 1
-    pictures = np.stack([images[i][1] for i in last_of_slot])
+    pictures = np.stack([images[i][1] for i in last_of_slot], out=zeros((len(last_of_slot), camera.height, camera.width, 3), np.uint8))
     observed = np.isin(np.arange(len(pictures)), slots)
     stuck = stuck_frames(pictures, observed)
-    pictures, drift = with_steady_exposure(pictures)
+    pictures, drift = with_steady_exposure(pictures, out=pictures)
     notes += [f"the exposure drifted by up to {drift:.1%} of that of frame 0; the drift was taken off"] if drift else []
     notes += [f"{stuck.sum()} of {len(pictures)} frames show the picture before once more while things move; nothing is fitted to them"] if stuck.any() else []
     observed &= ~stuck
     depth = None
     if len(depths):
-        depth, found = _paired(depths, stamps, slots, camera, source, slop_s=period / 2 if slop_s is None else slop_s, period=period)
+        depth, found = _paired(depths, stamps, slots, camera, source, slop_s=period / 2 if slop_s is None else slop_s, period=period, zeros=zeros)
         notes += found
     return Clip(pictures, int(stamps[0]), period, camera, depth, observed=observed, source=source, notes=tuple(notes))
 
@@ -165,14 +168,14 @@ def _likeliest_clock(seconds: np.ndarray, typical: float) -> tuple[float, float]
 
 
 def _paired(
-    depths: Stamped, stamps: np.ndarray, slots: np.ndarray, camera: Camera, source: str, *, slop_s: float, period: float
+    depths: Stamped, stamps: np.ndarray, slots: np.ndarray, camera: Camera, source: str, *, slop_s: float, period: float, zeros: Zeros
 ) -> tuple[np.ndarray, list[str]]:
     """Depth (T, H, W) [m] of every slot, and notes."""
     depths = sorted(_checked_sizes(depths, camera, source, "depth"), key=lambda item: item[0])
     if not any((image > 0).any() for _, image in depths):
         raise InputError(f"{source}: the depth images hold no finite value above 0; set topics.depth to 'none' to go on without depth")
     times = np.array([stamp for stamp, _ in depths], np.int64)
-    result = np.zeros((int(slots[-1]) + 1, camera.height, camera.width), np.float32)
+    result = zeros((int(slots[-1]) + 1, camera.height, camera.width), np.float32)
     nearest = np.array([np.abs(times - stamp).argmin() for stamp in stamps])
     apart = np.abs(times[nearest] - stamps) * 1e-9
     for index, slot, distance in zip(nearest, slots, apart, strict=True):

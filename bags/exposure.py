@@ -13,17 +13,19 @@ LEAST_BLOCKS = 30
 LEAST_DRIFT = 0.006  # largest log gain of a clip below which it is left as it is: less than a grey level at middle grey
 
 
-def with_steady_exposure(frames: np.ndarray) -> tuple[np.ndarray, float]:
+def with_steady_exposure(frames: np.ndarray, *, out: np.ndarray | None = None) -> tuple[np.ndarray, float]:
     """Frames (T, H, W, 3) uint8 as frame 0 was exposed, and the largest relative gain that was taken off (0: none).
 
     Each channel of each frame is divided by its gain over frame 0. The frames come back as they are where the gains are too small
-    to matter, or where most of the picture changes otherwise, so that no gain explains it.
+    to matter, or where most of the picture changes otherwise, so that no gain explains it. `out` takes them, and may be `frames` itself.
     """
     gains = exposure_gains(frames)
     if gains is None or np.abs(np.log(gains)).max() < LEAST_DRIFT:
         return frames, 0.0
     tables = np.clip(np.rint(np.arange(256)[:, None] / gains[:, None]), 0, 255).astype(np.uint8)  # (T, 256, 3)
-    steady = np.stack([cv2.LUT(frame, table[:, None]) for frame, table in zip(frames, tables, strict=True)])
+    steady = np.empty_like(frames) if out is None else out
+    for k, (frame, table) in enumerate(zip(frames, tables, strict=True)):
+        steady[k] = cv2.LUT(frame, table[:, None])
     return steady, float(np.abs(gains - 1).max())
 
 

@@ -34,7 +34,7 @@ from diffphys_ros.errors import InputError
 
 CHOICE, CONFIRMATION, OTHER_KINDS = "choice", "confirmation", "kinds"
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
-NAMED = (*FREE, "never_free", "held_out")  # kinds of the generator's own scenes
+NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of the generator's own scenes
 PAGE, FIGURES = ROOT / "docs" / "how_sure.md", ROOT / "docs" / "figures"
 
 
@@ -104,7 +104,9 @@ def filled(text: str) -> str:
         if _path(name).exists():
             begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
             made = f"{begin}\n{_tables(json.loads(_path(name).read_text()))}\n{end}"
-            text = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.S)
+            text, places = re.subn(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.S)
+            if not places:
+                raise InputError(f"{PAGE.name}: has no place {begin} ... {end}; put one where the rows of {name} belong")
     return text
 
 

@@ -86,15 +86,15 @@ class Maker:
             self._call([str(self.folder / "degrade.py"), str(clean / "clip.mcap"), str(out / "clip.mcap"), "--seed", str(seed), "--all"], out)
 
     def _call(self, words: Sequence[str], out: Path) -> None:
-        command = [self.python, *words]
+        command, name = [self.python, *words], Path(words[0]).name
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=MADE_IN_S, check=False, env={"MUJOCO_GL": "egl", "OMP_NUM_THREADS": "1"} | os.environ)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise InputError(f"{Path(words[0]).name}: {error}; give --generator its folder and --mujoco a Python that has MuJoCo") from error
+            raise InputError(f"{name}: {error}; give --generator its folder and --mujoco a Python that has MuJoCo") from error
         if done.returncode:
             said = (done.stderr.strip().splitlines() or [done.stdout.strip() or f"status {done.returncode}"])[-1]
             if "no acceptable draw" not in said and not (out / STATS).exists():
-                raise InputError(f"{Path(words[0]).name} {out.name}: {said[:300]}")
+                raise InputError(f"{name} {out.name}: {said[:300]}")
             out.mkdir(parents=True, exist_ok=True)
             (out / REFUSED).write_text(said)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.nodes import middleware
-from diffphys_ros.nodes.memory import children, resident_mib_of
+from diffphys_ros.nodes.memory import children, held_mib_of
 
 CODE = "from diffphys_ros.nodes.executables import fit_node; fit_node()"
 LOOK_S, WATCHED_S = 0.1, 15.0
@@ -77,25 +77,25 @@ def watch(pid: int) -> None:
     print("| phase | memory [MiB] | of a core |\n| --- | --- | --- |")
     bag = Parameter("bag", value=str(sample_folder() / "clip.mcap")).to_parameter_msg()
     call(SetParameters, "set_parameters", SetParameters.Request(parameters=[bag]))
-    row("before the fit", sum(resident_mib(pid)), WATCHED_S)
+    row("before the fit", sum(memory_mib(pid)), WATCHED_S)
     call(Trigger, "fit", Trigger.Request())
     peak = (0.0, 0.0)
     while heard[-1] not in ("done", "failed"):
         executor.spin_once(timeout_sec=LOOK_S)
-        peak = max(peak, resident_mib(pid), key=sum)
+        peak = max(peak, memory_mib(pid), key=sum)
     row(f"peak of the fit ({peak[0]:.0f} of it the node)", sum(peak), 0)
     time.sleep(1.0)
-    row(f"after the fit ({heard[-1]}), nobody subscribes", sum(resident_mib(pid)), WATCHED_S)
+    row(f"after the fit ({heard[-1]}), nobody subscribes", sum(memory_mib(pid)), WATCHED_S)
     for name in PLAYED:
         me.create_subscription(message_class(TOPICS[name].type_name), name.replace("~", "/fit_node"), lambda m: None, profile(TOPICS[name]))
-    row("all played topics are subscribed to", sum(resident_mib(pid)), WATCHED_S)
+    row("all played topics are subscribed to", sum(memory_mib(pid)), WATCHED_S)
     me.destroy_node()
     rclpy.try_shutdown()
 
 
-def resident_mib(pid: int) -> tuple[float, float]:
+def memory_mib(pid: int) -> tuple[float, float]:
     """Of the node, and of its children."""
-    return resident_mib_of(pid), sum(map(resident_mib_of, children(pid)))
+    return held_mib_of(pid), sum(map(held_mib_of, children(pid)))
 
 
 def busy_s(pid: int) -> float:

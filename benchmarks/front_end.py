@@ -32,6 +32,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.inverse.evidence.pixels import static_background
 from diffphys_ros.metrics.image import psnr_masked
 from diffphys_ros.particles import fill
+from diffphys_ros.progress import finished
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.segment import label_clip
 from diffphys_ros.segment.label import first_labels
@@ -177,12 +178,7 @@ def _iou(case: Case, labels: object) -> np.ndarray:
 
 
 def _fitted(case: Case) -> object:
-    steps = fit_splats(case.clip.frames[0], case.clip.labels[0], case.depth0, case.clip.camera, case.settings, case.device)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value
+    return finished(fit_splats(case.clip.frames[0], case.clip.labels[0], case.depth0, case.clip.camera, case.settings, case.device))
 
 
 def measured(folder: Path, wanted: list[str], device: str) -> dict[str, float]:

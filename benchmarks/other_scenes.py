@@ -169,7 +169,7 @@ def _let_go(maker: Any) -> None:
         scene, rng = body.scene, np.random.default_rng(body.scene.seed)
         squash = rng.uniform(0.10, 0.20)  # of its height, roughly, by an impact at `speed`
         scene.info["speed_m_s"], scene.info["height_m"] = speed, height = float(rng.uniform(0.2, 0.8)), float(rng.uniform(0.02, 0.05))
-        impact, length = speed**2 + 2 * 9.81 * height, scene.info["length_m"]
+        impact = speed**2 + 2 * 9.81 * height
         body.set_young([float(f"{(scene.density * impact / squash**2)[0]:.4g}")])
         scene.info["velocity_m_s"] = [float(rng.uniform(-0.1, 0.1)), 0.0, -speed]
         scene.info["spin_rad_s"] = float(rng.uniform(-1.5, 1.5))
@@ -177,8 +177,7 @@ def _let_go(maker: Any) -> None:
         scene.floor_z = float(low - height)
         scene.gravity, scene.look["mount"] = np.array([0.0, 0.0, -9.81]), (1e-4, 1e-4, 1e-4)
         scene.force.scale, scene.force.bursts, scene.force.text = 0.0, [], "none: thrown on a floor"
-        scene.info["amplitude_target"] = 0.2
-        scene.lead_in_frames, scene.info["length_m"] = 0, length
+        scene.lead_in_frames = 0
         body._compile()  # the floor and gravity are in the model
         return modes(body)
 

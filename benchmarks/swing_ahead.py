@@ -9,19 +9,17 @@ to the half alone, in windows that grow from one period, from the pose and veloc
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from diffphys_ros import config
-from diffphys_ros.__main__ import _flags
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.config import Settings
 from diffphys_ros.elements.plane import Plane
 from diffphys_ros.inverse.outlined import Outlined, outlined
-from diffphys_ros.inverse.swing import MOST_FIRST, _Follower
+from diffphys_ros.inverse.swing import MOST_FIRST, Follower
+from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
 
 PERIODS, ROUNDS = 5, 2
@@ -29,15 +27,6 @@ STEPS = np.array([0.002, 0.1, 0.1, 0.05])  # of log frequency, drag [1/s], softe
 USUAL, SPREAD = np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.1, 10.0, 1.0, 1.0])
 LEAST, MOST = np.array([-0.5, 0.0, 0.0, 0.0]), np.array([0.5, 20.0, 3.0, 3.0])
 EXPECTED = 0.03  # error over motion that no such law explains
-
-
-def finished(steps: Generator[Any, None, Any]) -> Any:
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
 
 
 class Film:
@@ -50,7 +39,7 @@ class Film:
         start, _ = start_values(seen.body, seen.tracks, seen.clip.period_s, seen.settings, camera=seen.clip.camera)
         self.hz, self.period_s = float(start.observed_hz[0]), seen.whole.period_s
         specific = float(start.young[0] / seen.body.density[0])
-        self.follower = _Follower.of(Plane.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
+        self.follower = Follower.of(Plane.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
         self.half = len(seen.whole) // 2 - MOST_FIRST // 2
         self.end = min(len(seen.whole) - MOST_FIRST // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
         poses = self.follower.poses(self.end + MOST_FIRST // 2)
@@ -93,7 +82,7 @@ def error(tip: np.ndarray, told: np.ndarray) -> float:
 
 def main(path: str, *flags: str) -> None:
     """One line for a film."""
-    film = Film(path, config.layered([], _flags(list(flags))))
+    film = Film(path, config.layered([], config.flags_of(flags)))
     law = film.law()
     tip, half = film.tip(law, film.end), film.half
     periods = (film.end - half) * film.period_s * film.hz

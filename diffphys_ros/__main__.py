@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import os
 import signal
 import sys
@@ -100,7 +99,7 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     if (rest or settings) and not hasattr(options, "config"):
         raise InputError(f"command line: {short((rest or settings)[0])} is unknown here; see `diffphys {options.command} --help`")
     options.words = settings + rest
-    options.flags = _flags(options.words)
+    options.flags = config.flags_of(options.words)
     if options.flags:
         config.require_read(options.flags, f"diffphys {options.command}", "command line")
     return options
@@ -157,35 +156,6 @@ def _common(command: argparse.ArgumentParser, run: Callable[[argparse.Namespace]
     command.add_argument("--out", required=True, type=Path, help=out)
     command.add_argument("--config", action="append", default=[], type=Path, help="YAML of settings; may be repeated, later files win")
     command.set_defaults(run=run)
-
-
-def _flags(words: list[str]) -> dict[str, Any]:
-    """Dotted settings of the command line: `--scene.mass_kg 0.8` or `--scene.mass_kg=0.8`."""
-    known, values = config.leaves(), {}
-    words = list(words)
-    while words:
-        word = words.pop(0)
-        if not word.startswith("--"):
-            raise InputError(f"command line: {short(word)} is not a flag; settings look like `--scene.mass_kg 0.8`")
-        name, given, text = word[2:].partition("=")
-        if name not in known and config.moved(name):
-            raise InputError(f"command line: --{name} {config.moved(name)}")
-        if name not in known:
-            raise InputError(f"command line: --{shown(name[:80])} is no flag{_nearest(name)}")
-        if name in values:
-            raise InputError(f"command line: --{name} is given twice; keep one")
-        if not given:
-            if not words or words[0].startswith("--"):
-                raise InputError(f"command line: --{name} has no value; give {known[name].doc}, such as `--{name} {known[name].example}`")
-            text = words.pop(0)
-        values[name] = config.parse_text(known[name], text)
-    config.build(values, "command line")
-    return values
-
-
-def _nearest(name: str) -> str:
-    close = difflib.get_close_matches(name[:100], [*config.leaves(), "config", "out", "resume", "help"], 1, 0.4)
-    return f"; did you mean --{close[0]}?" if close else "; `diffphys settings` lists every setting"
 
 
 def _recover(options: argparse.Namespace) -> int:

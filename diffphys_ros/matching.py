@@ -72,9 +72,12 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
         pixels[k] = pixels[last]
         if not seen[k]:
             continue
-        found, good = _found(images[0], images[k], start, _predict(images[last], images[k], pixels[last], start, matching), matching)
+        frames = (images[0], images[last], images[k])
+        found, good = _followed(frames, pixels[last], pixels[last], start, matching)
         if good.sum() < LEAST_FOUND * valid[last].sum():
-            found, good = _after_leap(images, (last, k), pixels[last], valid[last], start, matching, (found, good))
+            leap = whole_shift(images[last], images[k], pixels[last][valid[last]])
+            leapt = (found, good) if leap is None else _followed(frames, pixels[last], (pixels[last] + leap).astype(np.float32), start, matching)
+            found, good = max((found, good), leapt, key=lambda answer: int(answer[1].sum()))
         if AROUND <= good.sum() < len(good):
             lost = np.flatnonzero(~good)
             expected = (start[lost] + affine_motion(start[lost], start[good], (found - start)[good])[0]).astype(np.float32)
@@ -127,27 +130,15 @@ def _found(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: n
     return np.where(good[:, None], there, predicted), good
 
 
-def _predict(before: np.ndarray, image: np.ndarray, at: np.ndarray, start: np.ndarray, matching: Matching) -> np.ndarray:
-    """Where the motion of the neighbours since the frame before takes each point, float32 (M, 2)."""
-    there, error = _round_trip(before, image, at, at, matching, 2)
-    motion = neighbour_median(start, there - at, error < DRIFT_ROUND_TRIP_PX)
-    return (at + motion).astype(np.float32)
-
-
-def _after_leap(
-    images: list[np.ndarray], between: tuple[int, int], at: np.ndarray, holds: np.ndarray, start: np.ndarray, matching: Matching, before: tuple[np.ndarray, np.ndarray]
+def _followed(
+    frames: tuple[np.ndarray, np.ndarray, np.ndarray], at: np.ndarray, guess: np.ndarray, start: np.ndarray, matching: Matching
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`before` (positions (M, 2) and which are trusted), or where more are found what is found from where the whole of the points, `at` (M, 2) in the
-    first of the frames `between`, has leapt to in the second."""
-    last, k = between
-    shift = whole_shift(images[last], images[k], at[holds])
-    if shift is None:
-        return before
-    guess = (at + shift).astype(np.float32)
-    there, error = _round_trip(images[last], images[k], at, guess, matching, 2)
+    """Positions (M, 2) and which are trusted in the last of three frames (the first, the one before, this one), of points `at` (M, 2) in the one
+    before: matched with the first frame from where the motion of the neighbours takes each, which is looked for about `guess` (M, 2)."""
+    first, before, image = frames
+    there, error = _round_trip(before, image, at, guess, matching, 2)
     moved = neighbour_median(start, there - guess, error < DRIFT_ROUND_TRIP_PX)
-    found, good = _found(images[0], images[k], start, (guess + moved).astype(np.float32), matching)
-    return (found, good) if good.sum() > before[1].sum() else before
+    return _found(first, image, start, (guess + moved).astype(np.float32), matching)
 
 
 def whole_shift(image: np.ndarray, later: np.ndarray, points: np.ndarray) -> np.ndarray | None:

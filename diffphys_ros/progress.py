@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -33,6 +33,15 @@ class Progress:
     seconds_left: float | None = None
     text: str = ""  # one line for people
     force: ForceSoFar | None = None
+
+
+def finished(steps: Generator[Any, None, T]) -> T:
+    """What a generator returns at its end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value
 
 
 def waiting(stage: str, steps: Generator[None, None, T]) -> Generator[Progress, None, T]:

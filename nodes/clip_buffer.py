@@ -17,6 +17,7 @@ from .clip_checks import array_of, camera_of, check, gravity_of, labels_of, stam
 from .clip_topics import stamps_of_slots
 from .convert import stamp_ns
 from .limits import MAX_FRAMES, MAX_MIB, MIB
+from .shared import shared_zeros
 
 SOURCE = "topics clip/*"
 INFO, POSE, GRAVITY, FIRST_MASK, END, MASK = "clip/camera_info", "clip/camera_pose", "clip/gravity", "clip/first_mask", "clip/end", "clip/mask"
@@ -109,7 +110,7 @@ class ClipBuffer:
         return self.name(MASK) if masks and not self.masks and self._slots() else ""
 
     def clip(self) -> Clip:
-        """The complete clip, with labels where masks came. Raises InputError for messages that make none."""
+        """The complete clip, with labels where masks came, in memory that other processes can share. Raises InputError for messages that make none."""
         clip = self.whole or self._assembled()
         return clip.with_labels(self._labels(clip)) if self.masks else clip
 
@@ -132,7 +133,7 @@ class ClipBuffer:
         depths = [] if self._without_depth else [(s, array_of(m)) for s, m in self.depths.items() if s in frames and m.data]
         images = [(s, array_of(frames[first] if self.first_alone else m)) for s, m in list(frames.items())[: 2 if self.first_alone else None]]
         camera = camera_of(self.info, self.single(POSE))
-        clip = replace(assemble(images, depths, camera, SOURCE), gravity=gravity_of(self.single(GRAVITY)))
+        clip = replace(assemble(images, depths, camera, SOURCE, zeros=shared_zeros), gravity=gravity_of(self.single(GRAVITY)))
         first_mask = self.single(FIRST_MASK)
         if first_mask.height:
             clip = replace(clip, first_labels=labels_of(first_mask, self.name(FIRST_MASK)))
@@ -235,11 +236,13 @@ class ClipBuffer:
         return {s: m for s, m in there if (m.width, m.height) == (self.info.width, self.info.height)}
 
     def _labels(self, clip: Clip) -> np.ndarray:
-        labels, size = [labels_of(self.masks[stamp], self.name(MASK)) for stamp in sorted(self.masks)[: len(clip)]], clip.frames.shape[1:3]
-        odd = next((each for each in labels if each.shape != size), None)
-        if odd is not None:
-            raise InputError(f"topic {self.name(MASK)}: a mask has {odd.shape[1]}x{odd.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
-        return np.stack(labels)
+        labels, size = shared_zeros(clip.frames.shape[:3], np.uint8), clip.frames.shape[1:3]
+        for k, stamp in enumerate(sorted(self.masks)[: len(clip)]):
+            own = labels_of(self.masks[stamp], self.name(MASK))
+            if own.shape != size:
+                raise InputError(f"topic {self.name(MASK)}: a mask has {own.shape[1]}x{own.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")
+            labels[k] = own
+        return labels
 
     @property
     def _without_depth(self) -> bool:

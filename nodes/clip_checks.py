@@ -72,7 +72,8 @@ def array_of(message: Any) -> np.ndarray:
     if message.encoding == "rgb8" and message.step == 3 * width and len(message.data) == 3 * width * height:
         return np.frombuffer(message.data, np.uint8).reshape(height, width, 3)
     if message.encoding == "32FC1" and not message.is_bigendian and message.step == 4 * width and len(message.data) == 4 * width * height:
-        return metres(np.frombuffer(message.data, np.dtype("<f4")).reshape(height, width))
+        depth = np.frombuffer(message.data, np.dtype("<f4")).reshape(height, width)
+        return depth if np.isfinite(depth).all() and not np.signbit(depth).any() else metres(depth)
     return decode_image(message.encoding, message.height, message.width, message.step, message.is_bigendian, message.data)
 
 

@@ -18,7 +18,6 @@ from .limits import MAX_MIB, max_bytes
 from .memory import give_back
 from .parameters import Own
 from .qos import profile
-from .shared import shared
 from .stage import StageNode
 from .worker import DONE, FAILED, NEWS, Event, Job
 
@@ -40,9 +39,6 @@ def assembled(buffer: ClipBuffer, frames: int | None = None) -> Generator[Any, N
     if frames is not None:
         cut = {name: getattr(clip, name)[:frames].copy() for name in ("frames", "depth", "labels", "observed") if getattr(clip, name) is not None}
         clip = replace(clip, **cut)
-    else:
-        clip = replace(clip, frames=shared(clip.frames))
-        clip = clip if clip.depth is None else replace(clip, depth=shared(clip.depth))
     buffer.settle(clip)
     yield Assembled((buffer.id, buffer.opened_ns), clip)
     return clip

@@ -14,9 +14,17 @@ FREED_MIB, LOOK_S = 64.0, 2.0  # growth from which, and how often, it is looked 
 _PAGE_MIB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def resident_mib() -> float:
-    """What this process and its children hold now [MiB]."""
-    return sum(map(resident_mib_of, ("self", *children("self"))))
+def held_mib(pid: int | str = "self") -> float:
+    """What a process and its children hold now, what they share counted once and their share of what others map too [MiB]; 0 where it has ended."""
+    return sum(map(held_mib_of, (pid, *children(pid))))
+
+
+def held_mib_of(pid: int | str) -> float:
+    """Proportional set size of a process alone [MiB]; 0 where it has ended. Slower than `resident_mib_of`: the kernel looks at every page."""
+    with suppress(OSError):
+        rows = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+        return next((int(row.split()[1]) / 1024 for row in rows if row.startswith("Pss:")), 0.0)
+    return 0.0
 
 
 def children(pid: int | str) -> list[str]:
@@ -52,7 +60,7 @@ def _give_back_for_ever() -> None:
 
 
 def resident_mib_of(pid: int | str) -> float:
-    """What a process holds, without its children [MiB]; 0 where it has ended."""
+    """What a process maps, without its children, pages of others among it [MiB]; 0 where it has ended."""
     with suppress(OSError):
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_MIB
     return 0.0

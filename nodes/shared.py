@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import weakref
@@ -25,16 +26,23 @@ class _Region(NamedTuple):
 _regions: dict[int, _Region] = {}  # by address
 
 
-def shared(array: np.ndarray) -> np.ndarray:
-    """A copy in memory that can be shared; it goes when no array lies there any more."""
-    if not array.nbytes:
-        return array
+def shared_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """Zeros in memory that can be shared; it goes when no array lies there any more."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if not size:
+        return np.zeros(shape, dtype)
     file = os.memfd_create("array")
-    memory = mmap.mmap(file, _sized(file, array.nbytes))
-    copy = np.frombuffer(memory, array.dtype).reshape(array.shape)
+    memory = mmap.mmap(file, _sized(file, size))
+    array = np.frombuffer(memory, dtype).reshape(shape)
+    _regions[array.ctypes.data] = _Region(file, size)
+    weakref.finalize(memory, _forget, array.ctypes.data, file)
+    return array
+
+
+def shared(array: np.ndarray) -> np.ndarray:
+    """A copy in memory that can be shared."""
+    copy = shared_zeros(array.shape, array.dtype)
     copy[...] = array
-    _regions[copy.ctypes.data] = _Region(file, array.nbytes)
-    weakref.finalize(memory, _forget, copy.ctypes.data, file)
     return copy
 
 

@@ -22,7 +22,7 @@ from diffphys_ros.msg_schemas import TOPICS, messages
 
 from .convert import message_class, to_ros
 from .managed import ManagedNode
-from .memory import give_back, resident_mib
+from .memory import give_back, held_mib, resident_mib_of
 from .net import Net, foreseen, sentence_of
 from .parameters import AUTOSTART, Own, Parameters
 from .qos import OVERRIDES, check_override, is_stream, overridable, profile
@@ -66,7 +66,7 @@ class StageNode(ManagedNode):
         self.last_input: float | None = None
         self._publishes, self._outputs = publishes, dict[str, Publisher]()
         self._said: dict[object, float] = {}  # until when a word is not said again
-        self._peak_mib, self._lean_mib = 0.0, resident_mib()
+        self._peak_mib, self._lean_mib = 0.0, resident_mib_of("self")
         self.advertise(HEALTH)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(POLL_S, self._poll, clock=steady)
@@ -224,9 +224,9 @@ class StageNode(ManagedNode):
             self.on_failed(self._reason(event))
         self.on_idle()
         del event
-        if resident_mib() > self._lean_mib + KEPT_MIB:
+        if resident_mib_of("self") > self._lean_mib + KEPT_MIB:
             give_back()
-        self._lean_mib = resident_mib()
+        self._lean_mib = resident_mib_of("self")
 
     def _reason(self, event: Event) -> str:
         if event.kind == CANCELLED:
@@ -240,7 +240,7 @@ class StageNode(ManagedNode):
             self._warn(doubt, now)
         failed = self.state == FAILED or self.net.faults
         level = messages.ERROR if failed else messages.WARN if (doubts and self.watchful) or self.net.bad_input_lately or self.doubtful() else messages.OK
-        present = resident_mib()
+        present = held_mib()
         self._peak_mib = max(self._peak_mib, present)
         values = {
             "state": self.state,

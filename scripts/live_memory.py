@@ -7,6 +7,7 @@ A process of its own publishes a strip that is pushed every few seconds. Exit st
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import signal
 import subprocess
@@ -18,9 +19,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from clip_rig import NODES
-from processes import environment, node, pss_mib, run, stop
+from processes import environment, node, run, stop
 
 from diffphys_ros.msg_schemas import messages
+from diffphys_ros.nodes.memory import held_mib
 from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
 
 WIDTH, HEIGHT, HZ = 640, 480, 30
@@ -38,6 +40,7 @@ SETTINGS = {
     "fit.iterations": 2,
 }
 MIB = 2**20
+MAPPING = re.compile(r"[0-9a-f]+-[0-9a-f]+ ")  # begins the rows of one in /proc/PID/smaps
 
 
 def main(arguments: list[str]) -> int:
@@ -74,12 +77,13 @@ def main(arguments: list[str]) -> int:
 
 def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace) -> int:
     """Records clips and looks at memory until all are fitted; returns the exit status."""
-    most = dict.fromkeys([*NODES, "/dev/shm", "all"], 0.0)
+    most = then = dict.fromkeys([*NODES, "/dev/shm", "all"], 0.0)
     began, recorded, opened, ended = time.monotonic(), 0, None, 0
     while ended < options.clips and time.monotonic() - began < options.limit:
         time.sleep(0.5)
-        now = {name: pss_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib([running[name].pid for name in NODES])}
+        now = {name: held_mib(running[name].pid) for name in NODES} | {"/dev/shm": shared_mib([running[name].pid for name in NODES])}
         now["all"] = sum(now.values())
+        then = max(then, now, key=lambda each: each["all"])
         most = {name: max(value, now[name]) for name, value in most.items()}
         said = (options.out / "ingest_node.log").read_text()
         fits = (options.out / "fit_node.log").read_text()
@@ -91,9 +95,9 @@ def watch(running: dict[str, subprocess.Popen], options: argparse.Namespace) -> 
             call("/ingest_node/end", "std_srvs/srv/Trigger", options)
             opened = None
         print(f"{time.monotonic() - began:6.0f} s  " + "  ".join(f"{name} {value:5.0f}" for name, value in now.items()), f" published {said.count('published a clip')}, fitted {ended}", flush=True)
-    print(f"\n{'MiB (PSS)':16}{'most':>8}")
+    print(f"\n{'MiB (PSS)':16}{'most':>8}{'when all held most':>22}")
     for name, value in most.items():
-        print(f"{name:16}{value:8.0f}")
+        print(f"{name:16}{value:8.0f}{then[name]:22.0f}")
     print(f"{ended} of {options.clips} clips fitted; bound {BOUND_MIB} MiB")
     return 0 if ended >= options.clips and most["all"] < BOUND_MIB else 1
 
@@ -111,12 +115,19 @@ def call(service: str, kind: str, options: argparse.Namespace) -> None:
 
 
 def shared_mib(pids: list[int]) -> float:
-    """What lies in files of /dev/shm that these processes map. Part of it is in their PSS, too."""
-    mapped = set[str]()
+    """What lies in files of /dev/shm that these processes map, beyond what is in their PSS of it."""
+    held, counted = dict[str, int](), 0
     for pid in pids:
+        file = ""
         with suppress(OSError):
-            mapped |= {line.split()[-1] for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/dev/shm/" in line}
-    return sum(Path(name).stat().st_blocks * 512 for name in mapped if Path(name).exists()) / MIB
+            for row in Path(f"/proc/{pid}/smaps").read_text().splitlines():
+                if MAPPING.match(row):
+                    file = row.split()[-1] if "/dev/shm/" in row else ""
+                    if file and Path(file).exists():
+                        held[file] = Path(file).stat().st_blocks * 512
+                elif file in held and row.startswith("Pss:"):
+                    counted += int(row.split()[1]) * 1024
+    return (sum(held.values()) - counted) / MIB
 
 
 def film() -> tuple[np.ndarray, np.ndarray]:

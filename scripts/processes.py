@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.nodes.memory import children
 
 PROGRAMS = Path(sys.executable).parent
 PATIENCE_S = 20.0  # for a process that was asked to end
@@ -41,19 +40,6 @@ def stop(process: subprocess.Popen) -> int:
     except subprocess.TimeoutExpired:
         process.kill()
         return process.wait()
-
-
-def pss_mib(pid: int) -> float:
-    """Proportional set size of a process and of those that it started [MiB]; 0 where it is gone."""
-    return sum(map(_pss_mib, (pid, *children(pid))))
-
-
-def _pss_mib(pid: int | str) -> float:
-    try:
-        rows = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    except OSError:
-        return 0.0
-    return next((int(row.split()[1]) / 1024 for row in rows if row.startswith("Pss:")), 0.0)
 
 
 def run(main: Callable[[], int]) -> NoReturn:

@@ -17,7 +17,10 @@ from pathlib import Path
 
 import numpy as np
 from clip_rig import NODES, SILENCE_S, Rig, Told, rig
-from processes import pss_mib, run
+from memory_figure import draw, watched, write
+from processes import run
+
+from diffphys_ros.nodes.memory import held_mib
 
 START_S, CLIP_S = 120.0, 300.0  # longest waits
 KILLED = ("segment_node", "fit_node", "splat_node", "ingest_node")  # in turn
@@ -32,7 +35,7 @@ class Soak:
 
     clips: list[Told] = field(default_factory=list)
     hit: set[int] = field(default_factory=set)  # numbers of clips during which a node was killed
-    kills: list[str] = field(default_factory=list)
+    kills: list[tuple[float, str]] = field(default_factory=list)  # seconds from the begin, node
     memory: dict[tuple[str, int], list[float]] = field(default_factory=dict)  # PSS of each process [MiB] after every clip
 
 
@@ -41,17 +44,19 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=30.0, help="how long clips are sent")
     parser.add_argument("--kill-every", type=float, default=180.0, help="seconds from one kill to the next; 0: none")
-    parser.add_argument("--out", type=Path, default=Path("out/soak"), help="folder for the logs and memory.csv")
+    parser.add_argument("--out", type=Path, default=Path("out/soak"), help="folder for the logs, memory.csv and memory.png")
     options = parser.parse_args(arguments)
     with rig(options.out) as graph:
         graph.start(*NODES)
         if not graph.wait_for_nodes(START_S):
             print(f"soak: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
             return 1
-        seen = soaked(graph, 60 * options.minutes, options.kill_every)
+        with watched(graph.running) as samples:
+            seen = soaked(graph, 60 * options.minutes, options.kill_every)
         frames = sum(map(int, PUBLISHED.findall(graph.said("ingest_node"))))
         sent = len(graph.clip)
-    write(seen, options.out / "memory.csv")
+    write(samples, options.out / "memory.csv")
+    draw(samples, seen.kills, options.out / "memory.png")
     return 0 if summary(seen, frames, sent) else 1
 
 
@@ -63,15 +68,15 @@ def soaked(graph: Rig, for_s: float, kill_every_s: float) -> Soak:
         told = graph.send(len(seen.clips))
         seen.clips.append(told)
         if time.monotonic() > next_kill:
-            seen.kills.append(name := next(turn))
+            seen.kills.append((time.monotonic() - began, name := next(turn)))
             seen.hit.add(told.number)
             restarted(graph, name)
             next_kill += kill_every_s
         graph.spin(lambda told=told: told.whole, 30.0 if told.number in seen.hit else CLIP_S)
         graph.spin(lambda: False, 2 * SILENCE_S)
         for name, process in graph.running.items():
-            seen.memory.setdefault((name, process.pid), []).append(pss_mib(process.pid))
-        print(f"clip {told.number}: {'its own result' if told.whole else 'none'}{', ' + seen.kills[-1] + ' was killed' if told.number in seen.hit else ''}", flush=True)
+            seen.memory.setdefault((name, process.pid), []).append(held_mib(process.pid))
+        print(f"clip {told.number}: {'its own result' if told.whole else 'none'}{', ' + seen.kills[-1][1] + ' was killed' if told.number in seen.hit else ''}", flush=True)
     return seen
 
 
@@ -97,7 +102,7 @@ def summary(seen: Soak, frames: int, per_clip: int) -> bool:
     took = [told.done_s - told.sent_s for told in seen.clips if told.done_s is not None and told.number not in seen.hit]
     least = per_clip * sum(told.number not in seen.hit for told in seen.clips)
     grown = {name: growth(values) for (name, pid), values in seen.memory.items()}
-    print(f"{len(seen.clips)} clips, {len(seen.kills)} kills ({', '.join(seen.kills) or 'none'}); {sum(told.whole for told in seen.clips)} have their own result; without one and without a kill: {lost or 'none'}")
+    print(f"{len(seen.clips)} clips, {len(seen.kills)} kills ({', '.join(name for _, name in seen.kills) or 'none'}); {sum(told.whole for told in seen.clips)} have their own result; without one and without a kill: {lost or 'none'}")
     if took:
         print(f"from the first image to the end of the fit: median {np.median(took):.1f} s, longest {max(took):.1f} s")
     print(f"{frames} frames were published, at least {least} were to be")
@@ -105,11 +110,6 @@ def summary(seen: Soak, frames: int, per_clip: int) -> bool:
         last = [values[-1] for (who, _), values in seen.memory.items() if who == name]
         print(f"{name:14} {last[-1] if last else 0:6.0f} MiB at the end, {grown.get(name, 0.0):+.2f} MiB per clip")
     return not lost and frames >= least and bool(seen.clips) and all(rate <= MOST_GROWTH_MIB for rate in grown.values())
-
-
-def write(seen: Soak, path: Path) -> None:
-    """PSS after every clip, a line a process."""
-    path.write_text("".join(f"{name},{pid},{','.join(f'{value:.1f}' for value in values)}\n" for (name, pid), values in seen.memory.items()))
 
 
 if __name__ == "__main__":

@@ -18,3 +18,10 @@ def coarse_elements() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mesh, "TRIANGLE_VERTICES", VERTICES)
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    """For every test of a folder whose conftest imports it."""
+    with coarse_elements():
+        yield

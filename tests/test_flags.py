@@ -6,7 +6,8 @@ import os
 
 import pytest
 
-from diffphys_ros.__main__ import _flags, _parse, main
+from diffphys_ros.__main__ import _parse, main
+from diffphys_ros.config import flags_of
 from diffphys_ros.errors import InputError
 
 
@@ -34,14 +35,14 @@ from diffphys_ros.errors import InputError
 )
 def test_settings_that_mean_nothing_or_two_things_are_refused(words, told):
     with pytest.raises(InputError) as caught:
-        _flags(words.split(" "))
+        flags_of(words.split(" "))
     assert told in str(caught.value)
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
 
 
 def test_settings_are_taken_with_a_blank_or_an_equals_sign_and_lists_without_brackets():
-    assert _flags(["--scene.mass_kg", "1e-3", "--segment.point_px=680,800", "--topics.image=/a=b", "--scene.floor_z_m", "-0.5"]) == {
+    assert flags_of(["--scene.mass_kg", "1e-3", "--segment.point_px=680,800", "--topics.image=/a=b", "--scene.floor_z_m", "-0.5"]) == {
         "scene.mass_kg": 1e-3,
         "segment.point_px": [680, 800],
         "topics.image": "/a=b",

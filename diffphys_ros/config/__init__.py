@@ -28,6 +28,7 @@ from .tree import (
     Topics,
 )
 from .values import build, flat
+from .words import flags_of
 
 __all__ = [
     "BROKEN",
@@ -56,6 +57,7 @@ __all__ = [
     "Sync",
     "Topics",
     "build",
+    "flags_of",
     "flat",
     "flatten",
     "layered",

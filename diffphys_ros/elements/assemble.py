@@ -97,8 +97,8 @@ class Elements:
         return sum((e * k for e, k in zip(young, self.stiffness, strict=True)), start=0 * self.mass)
 
     def prestress(self, young: np.ndarray) -> list[sp.csc_matrix]:
-        """Stiffness (D, D) of the static stress under each of the weights; none in a body that nothing holds, which falls."""
-        if self.shift:
+        """Stiffness (D, D) of the static stress under each of the weights; none without gravity, nor in a body that nothing holds, which falls."""
+        if self.shift or not self.heavy:
             return [0 * self.mass] * len(self.weights)
         factor = splu(self.elastic(young), **_SYMMETRIC)
         return [self._stiffness_of_stress(young, factor.solve(weight)) for weight in self.weights]
@@ -168,7 +168,7 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
     uniform loads and gravity at the first, where the basis becomes diagonal. Frequencies in between are right to second
     order. loaded = False: the eigenmodes are those without gravity; the model has its stiffness all the same. varied: of how
     many of the first's lowest modes the change with every part's modulus is spanned as well, to first order."""
-    prestress = elements.prestress(youngs[0]) if elements.heavy else [0 * elements.mass] * len(elements.masses)
+    prestress = elements.prestress(youngs[0])
     geometric = sum(prestress[1:], start=prestress[0])
     loads = np.column_stack([elements.push, elements.gravity[:, None]] if elements.heavy else [elements.push])
     vectors = []

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh, splu
 
 from ..types import Body
+from .band import Band, solved
 from .mesh import element_size, triangulate
 
 COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 %
@@ -29,7 +30,6 @@ SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hul
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
 EDGES = ((0, 1), (1, 2), (2, 0))
 PAIRS = ((0, 0), (1, 1), (0, 1))  # of axes, for a symmetric tensor
-
 
 
 class DivergedError(ArithmeticError):
@@ -104,6 +104,11 @@ class Plane:
         starts = np.searchsorted(unique, np.arange(size + 1, dtype=np.int64) * size)
         return slots.ravel(), sp.csc_matrix((np.zeros(len(unique)), (unique % size).astype(np.int32), starts.astype(np.int32)), (size, size))
 
+    @cached_property
+    def _band(self) -> Band:
+        """Of the degrees of freedom that are not held."""
+        return Band.of(self._pattern[1], self.free, *self._places[1:])
+
     def _matrix(self, local: np.ndarray) -> sp.csc_matrix:
         slots, pattern = self._pattern
         return sp.csc_matrix((np.bincount(slots, local.ravel(), pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
@@ -111,13 +116,18 @@ class Plane:
     @cached_property
     def mass(self) -> sp.csc_matrix:
         """Per unit of depth and density [m^2]."""
+        return self._matrix(self._masses)
+
+    @cached_property
+    def _masses(self) -> np.ndarray:
+        """The elements' (E, 12, 12)."""
         barycentric = np.array([[a, b, 1 - a - b] for a, b in ((0.0915762, 0.0915762), (0.8168476, 0.0915762), (0.0915762, 0.8168476), (0.4459485, 0.4459485), (0.1081030, 0.4459485), (0.4459485, 0.1081030))])
         weight = np.array([0.1099517] * 3 + [0.2233816] * 3)  # Dunavant's rule of degree 4
         value, _ = _shapes(barycentric[:, 1:])
         one = np.einsum("q,qn,qm->nm", weight, value, value)
         local = np.zeros((len(self.triangles), 6, 2, 6, 2))
         local[:, :, 0, :, 0] = local[:, :, 1, :, 1] = self._slopes[1].sum(1)[:, None, None] * one
-        return self._matrix(local.reshape(-1, 12, 12))
+        return local.reshape(-1, 12, 12)
 
     def _strained(self, u: np.ndarray) -> np.ndarray:
         """Deformation gradients (E, Q, 2, 2)."""
@@ -128,6 +138,11 @@ class Plane:
 
     def inner(self, u: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:
         """Elastic forces (2 N,) and their tangent for E / density = 1 m^2/s^2. Raises DivergedError."""
+        forces, local = self._inner(u)
+        return forces, self._matrix(local)
+
+    def _inner(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, the tangent element by element, (E, 6, 2, 6, 2)."""
         slope, area = self._slopes
         own = self._places[0]
         strained = self._strained(u)
@@ -157,7 +172,7 @@ class Plane:
         along = (np.swapaxes(slope, -1, -2) @ (area[..., None, None] * stress) @ slope).sum(1)
         for axis in (0, 1):
             local[:, :, axis, :, axis] += along
-        return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), self._matrix(local)
+        return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), local
 
     def weight(self, gravity: np.ndarray) -> np.ndarray:
         """Load (2 N,) of an acceleration (2,) [m/s^2]."""
@@ -188,7 +203,8 @@ class Plane:
     def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, drag_per_m: float = 0.0, step_s: float, steps: int) -> np.ndarray:
         """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass, with
         a share that grows with speed. Raises DivergedError."""
-        free, mass = self.free, self.mass[self.free][:, self.free].tocsc()
+        free = self._band.order
+        mass, heavy = self.mass[free][:, free].tocsr(), self._band.filled(self._masses)
         late = SPECTRAL_RADIUS / (1 + SPECTRAL_RADIUS)  # share of the step's begin in elastic forces and drag
         early = (2 * SPECTRAL_RADIUS - 1) / (1 + SPECTRAL_RADIUS)
         gamma, beta = 0.5 - early + late, 0.25 * (1 - early + late) ** 2
@@ -203,11 +219,11 @@ class Plane:
                 a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
                 v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
                 between[free] = (1 - late) * new + late * u0
-                forces, tangent = self.inner(between)
+                forces, tangent = self._inner(between)
                 speed = (1 - late) * v + late * v0
                 residual = (load - specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - mass @ (_drag(speed, drag_per_s, drag_per_m))
                 scale = (1 - early) / (beta * step_s**2) + (1 - late) * drag_per_s * gamma / (beta * step_s)
-                change = splu((scale * mass + (1 - late) * specific * tangent[free][:, free]).tocsc()).solve(residual)
+                change = solved(scale * heavy + (1 - late) * specific * self._band.filled(tangent), residual)
                 new = new + change
                 if np.abs(change).max() < CLOSE_M:
                     break

@@ -198,17 +198,15 @@ def image_metrics(prepared: Prepared, frames: np.ndarray | None) -> dict[str, ob
 def nearness(clip: Clip, frames: np.ndarray) -> dict[str, float]:
     """Masked PSNR and SSIM of rendered frames (T, H, W, 3), means over those that were received and show the object."""
     assert clip.labels is not None
-    mask, shown = object_mask(clip.labels), shown_frames(clip)
-    return {
-        "psnr_masked": float(np.mean([psnr_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
-        "ssim_masked": float(np.mean([ssim_masked(frames[k], clip.frames[k], mask[k]) for k in shown])),
-    }
+    labels, shown = clip.labels, shown_frames(clip)
+    measures = {"psnr_masked": psnr_masked, "ssim_masked": ssim_masked}
+    return {name: float(np.mean([measure(frames[k], clip.frames[k], object_mask(labels[k])) for k in shown])) for name, measure in measures.items()}
 
 
 def shown_frames(clip: Clip) -> np.ndarray:
     """Numbers of the frames that were received and show the object."""
     assert clip.labels is not None
-    return np.flatnonzero(clip.seen & object_mask(clip.labels).any((1, 2)))
+    return np.flatnonzero(clip.seen & [object_mask(labels).any() for labels in clip.labels])
 
 
 def _force_metrics(confidence: Confidence) -> dict[str, object]:

@@ -12,7 +12,8 @@ from ..render import Rasterizer, Window
 from ..splats import Motion
 from ..types import Camera, Splats
 
-CHUNK = 8  # frames rendered at a time when no gradient is wanted
+AT_ONCE = {"cpu": 30_000, "cuda": 1_000_000}  # Gaussians of all frames that are rendered together, at some 3 kB each with gradient, half of that without;
+# more frames are rendered again on the way back, for 3 % more time on a CPU; a GPU wants many at a time
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,18 @@ class CarriedGaussians:
 
     def clip(self, x: np.ndarray, F: np.ndarray | None = None) -> np.ndarray:
         """Full frames, uint8 (T, H, W, 3), of particles x (T, P, 3) that were at x[0]; F (T, P, 3, 3) as in `moved`."""
-        place, gradient, frames = self._own(x), None if F is None else self._own(F), []
+        place, gradient = self._own(x), None if F is None else self._own(F)
+        frames = np.empty((len(x), *self.background.shape), np.uint8)
         with torch.no_grad():
-            for first in range(0, len(x), CHUNK):
-                chunk = slice(first, first + CHUNK)
+            for chunk in self.spans(len(x)):
                 image = self.render(place[chunk], place[0], None if gradient is None else gradient[chunk], None)[0]
-                frames.append((image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy())
-        return np.concatenate(frames)
+                frames[chunk] = (image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        return frames
+
+    def spans(self, frames: int) -> list[slice]:
+        """So many frames, as many of them at a time as memory is meant for."""
+        size = max(1, AT_ONCE[self.mean.device.type] // len(self.mean))
+        return [slice(first, first + size) for first in range(0, frames, size)]
 
     def motion(self, x: np.ndarray, x0: np.ndarray) -> Motion:
         """How these very Gaussians, which a fit that is `near` keeps, move with particles from x0 (P, 3) to x (P, 3) [m]."""

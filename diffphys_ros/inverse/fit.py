@@ -55,6 +55,7 @@ def fit(model: Model, stages: list[Stage], *, checkpoint: Checkpoint, clock: Clo
     finally:
         objective.watch = None
         checkpoint.flush()
+        model.problem.forward.simulator.release()  # what follows needs no gradient, or is another fit with tapes of its own
     return fitted
 
 

@@ -94,12 +94,10 @@ def _in_picture(tracks: Tracks, camera: Camera) -> np.ndarray:
 def acceleration_scale(tracks: Tracks, period_s: float) -> float:
     """Root mean squared second difference of the tracked displacements over period^2 [m/s^2], noise taken off: the size
     of the accelerations in the clip, unit of the unknown forces."""
-    points = tracks.points
-    valid = tracks.valid[2:] & tracks.valid[1:-1] & tracks.valid[:-2]
-    second = (points[2:] - 2 * points[1:-1] + points[:-2])[valid]
-    if not len(second):
+    square, held = _squared_second_differences(tracks.points, tracks.valid)
+    if not held.any():
         return 1.0
-    mean_square = float((second**2).sum(-1).mean()) - 18.0 * tracks.noise_m**2
+    mean_square = float(square[held].mean()) - 18.0 * tracks.noise_m**2
     return float(np.sqrt(max(mean_square, 1e-12)) / period_s**2)
 
 
@@ -114,8 +112,13 @@ def liveliest_acceleration(tracks: Tracks, period_s: float) -> float:
     """That of the frame that needs the most, root mean square over the points [m/s^2], of a body at rest until frame 0: a constant one that makes
     up for the second difference of the displacements by the end of the frame in which it begins to act."""
     points, valid = np.concatenate([tracks.points[:1], tracks.points]), np.concatenate([tracks.valid[:1], tracks.valid])
-    square = ((points[2:] - 2 * points[1:-1] + points[:-2]) ** 2).sum(-1)
-    held = valid[2:] & valid[1:-1] & valid[:-2]
+    square, held = _squared_second_differences(points, valid)
     seen = held.sum(1) > 0
     mean = (square * held).sum(1)[seen] / held.sum(1)[seen]
     return 2 * float(np.sqrt(max(mean.max(initial=0.0), 1e-12))) / period_s**2
+
+
+def _squared_second_differences(points: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squared length [m^2] of the second difference of points (T, M, 3) about each frame but the first and the last, (T - 2, M), and where all three are valid."""
+    square = ((points[2:] - 2 * points[1:-1] + points[:-2]) ** 2).sum(-1)
+    return square, valid[2:] & valid[1:-1] & valid[:-2]

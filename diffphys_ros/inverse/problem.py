@@ -48,7 +48,6 @@ class Problem:
     plan: Plan
     disc: Discretisation
     layout: Layout
-    force_unit: float  # of a force that acts everywhere [N/m^3]
     field_unit: float  # of a force field [N/m^3]
     target: TrackTarget
     forward: ForwardModel
@@ -105,7 +104,7 @@ def problem_on(
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)
-    return Problem(prepared, settings, plan, disc, layout, force_unit, _field_unit(prepared, settings, force_unit), target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
+    return Problem(prepared, settings, plan, disc, layout, _field_unit(prepared, settings, force_unit), target, forward, renderer, engines(forward), Objective(evidence, prior, target, binding), hessian)
 
 
 def _nodal(settings: Settings) -> bool:

@@ -44,7 +44,7 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     if not body.clamped:
         return None
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
-    follower = _Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
+    follower = Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
     first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
     count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
@@ -72,7 +72,7 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
 
 
 @dataclass(frozen=True)
-class _Follower:
+class Follower:
     """A flat body and the pictures that it is laid onto."""
 
     plane: Plane  # without load
@@ -86,7 +86,7 @@ class _Follower:
     from_rest: int  # frame in which it passes rest
 
     @classmethod
-    def of(cls, plane: Plane, whole: Clip, seen: Outlined, specific: float, body: Body) -> _Follower:
+    def of(cls, plane: Plane, whole: Clip, seen: Outlined, specific: float, body: Body) -> Follower:
         """Its levels are those of the calm part's first frame."""
         from ..outline import edge_levels
 
@@ -104,7 +104,7 @@ class _Follower:
         level, contrast = edge_levels(seen.clip.frames[0], points, normals)
         return cls(unloaded, whole, load, specific, rest, to_picture, level, contrast, _passes_rest(whole, seen))
 
-    def tuned(self, hz: float) -> _Follower:
+    def tuned(self, hz: float) -> Follower:
         """The same at the modulus at which its own small swing has the calm part's frequency: what its elements are off by must not add up over
         many periods. Gravity's share does not change with the modulus, so that the tangent is known at both ends."""
         specific, still = self.specific, 0 * self.load
@@ -129,7 +129,7 @@ class _Follower:
                 continue
         return None
 
-    def obeying(self, law: Yielding, calm: CalmSwing) -> _Follower:
+    def obeying(self, law: Yielding, calm: CalmSwing) -> Follower:
         """The same of a material that gives way, with the calm frames' frequency."""
         return replace(self, plane=replace(self.plane, softens=law.softens)).tuned(calm.small_hz(law))
 

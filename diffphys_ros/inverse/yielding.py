@@ -57,7 +57,8 @@ def fitted(let_go: Callable[[Yielding], np.ndarray | None], told: np.ndarray) ->
     constant = let_go(Yielding())
     if constant is None:
         return None
-    unit = EXPECTED * _missed(told.mean(0), told)
+    unit, least = EXPECTED * _missed(told.mean(0), told), _missed(constant, told)
+    most = (1 - LEAST_GAIN) * least
     at, tip, best = np.zeros(2), constant, Swung(Yielding(), constant, constant)
     for _ in range(ROUNDS):
         nearby = [let_go(Yielding(*(at + step))) for step in np.diag(STEPS)]
@@ -70,12 +71,12 @@ def fitted(let_go: Callable[[Yielding], np.ndarray | None], told: np.ndarray) ->
         if found is None:
             break
         tip = found
-        before = _missed(best.tip, told)
-        if _missed(tip, told) < before:
-            best = Swung(Yielding(*map(float, at)), tip, constant)
-        if _missed(tip, told) > SETTLED * before:
+        before, missed = least, _missed(tip, told)
+        if missed < before:
+            best, least = Swung(Yielding(*map(float, at)), tip, constant), missed
+        if missed > SETTLED * before:
             break
-    return best if _missed(best.tip, told) <= (1 - LEAST_GAIN) * _missed(constant, told) else Swung(Yielding(), constant, constant)
+    return best if least <= most else Swung(Yielding(), constant, constant)
 
 
 def _missed(tip: np.ndarray, told: np.ndarray) -> float:

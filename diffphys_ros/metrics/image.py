@@ -87,8 +87,8 @@ def psnr_frozen_frame(frames: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
     frames uint8 (T, H, W, 3), labels uint8 (T, H, W).
     """
-    masks = object_mask(labels)
-    return np.array([psnr_masked(frames[0], frames[k], masks[k]) if masks[k].any() else np.nan for k in range(1, len(frames))])
+    masks = map(object_mask, labels[1:])
+    return np.array([psnr_masked(frames[0], frame, mask) if mask.any() else np.nan for frame, mask in zip(frames[1:], masks, strict=True)])
 
 
 def _blur_matrix(size: int, *, like: torch.Tensor) -> torch.Tensor:

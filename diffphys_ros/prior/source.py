@@ -11,6 +11,7 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError, shown
+from ..progress import finished
 from ..types import IGNORE, Clip, MaterialPrior
 from .database import UNKNOWN, find
 from .endpoint import TICK_S
@@ -58,12 +59,7 @@ SOURCES: dict[str, Source] = {"file": from_file, "database": from_database, "mod
 
 def material_prior(clip: Clip, settings: Settings) -> MaterialPrior | None:
     """What `believing` returns."""
-    steps = believing(clip, settings)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
+    return finished(believing(clip, settings))
 
 
 def believing(clip: Clip, settings: Settings) -> Waiting[MaterialPrior | None]:

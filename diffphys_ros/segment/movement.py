@@ -45,6 +45,15 @@ class Movement:
         flow = np.stack([dis.calc(grey[0], other, None).astype(np.float16) for other in grey[1:]])
         return cls(frames, flow, _steady(frames, flow, np.full(len(flow), LEAST_MOTION_PX), 1.0))
 
+    def steadily(self, least_px: float, gain: float, share: float) -> np.ndarray:
+        """Pixels that moving along explains better than standing still by `gain` grey levels, in all but a `share` of the frames in which they
+        are said to move by `least_px`: bool (H, W)."""
+        return _steady(self.frames, self.flow, np.full(len(self.flow), least_px), 1.0, gain, share)
+
+    def reach_px(self) -> np.ndarray:
+        """How far each pixel moves in most frames [px], float32 (H, W)."""
+        return np.quantile(np.linalg.norm(self.flow.astype(np.float32), axis=-1), LARGEST, axis=0).astype(np.float32)
+
     def still(self, core: np.ndarray) -> np.ndarray:
         """Pixels that stand still while the nearest moving ones of `core` (H, W) move, and would look otherwise had they moved along:
         bool (H, W).
@@ -66,15 +75,17 @@ class Movement:
         return cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SPECK_PX, SPECK_PX), np.uint8)) > 0
 
 
-def _steady(frames: np.ndarray, flow: np.ndarray, least_px: np.ndarray, sign: float) -> np.ndarray:
-    """Pixels (H, W) that moving by `flow` (K, H, W, 2) explains better than standing still (sign 1) or worse (-1), in most of the frames in
-    which it is longer than `least_px` (K,) or (K, H, W)."""
+def _steady(
+    frames: np.ndarray, flow: np.ndarray, least_px: np.ndarray, sign: float, least_gain: float = LEAST_GAIN, share: float = STEADY
+) -> np.ndarray:
+    """Pixels (H, W) that moving by `flow` (K, H, W, 2) explains better than standing still (sign 1) or worse (-1), by `least_gain`, in all but
+    a `share` of the frames in which it is longer than `least_px` (K,) or (K, H, W)."""
     pairs = zip(frames[1:], flow, least_px, strict=True)
     gain = np.stack([_gain(frames[0], other, step.astype(np.float32), least, sign) for other, step, least in pairs])
     claims = np.isfinite(gain).sum(0)
-    rank = np.clip((STEADY * claims).astype(int), 0, len(gain) - 1)
+    rank = np.clip((share * claims).astype(int), 0, len(gain) - 1)
     steady = np.take_along_axis(np.sort(gain, 0), rank[None], 0)[0]
-    return (claims >= max(2, int(LEAST_CLAIMS * len(gain)))) & (steady > LEAST_GAIN)
+    return (claims >= max(2, int(LEAST_CLAIMS * len(gain)))) & (steady > least_gain)
 
 
 def _gain(first: np.ndarray, other: np.ndarray, flow: np.ndarray, least_px: float | np.ndarray, sign: float) -> np.ndarray:

@@ -264,6 +264,10 @@ class Simulator:
         """Memory of the simulator itself once gradients were asked for [bytes]; a rollout adds 96 B x particles x frames."""
         return self.replay.bytes()
 
+    def release(self) -> None:
+        """Let what is kept between a rollout and its gradient go, until a gradient is asked for again."""
+        self.replay.release()
+
     def _material(self, young: Tensor, poisson: Tensor, density: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """Constants of the law (B, P, 4), weight density [N/m^3] (B, P, 3) and mass [kg] (B, P)."""
         every = self._each(self.volume, len(self.volume))

@@ -17,6 +17,7 @@ from ..steady import (
     LEAST_NOISE,
     LEAST_TILES,
     ROUNDS,
+    SETTLED_PX,
     SMOOTHINGS_PX,
     TILE_PX,
     WIDEST_PX,
@@ -110,6 +111,8 @@ def _laid_over(first: list[Layer], layers: list[np.ndarray], free: np.ndarray, s
             matrix = np.einsum("n,nij->ij", weight, normal[use])
             step = np.linalg.solve(matrix + 1e-6 * (np.trace(matrix) + 1e-12) * np.eye(2), weight @ right[use])
             shift = shift + step * min(1.0, TILE_PX / max(float(np.linalg.norm(step)), 1e-12))
+            if np.linalg.norm(step) < SETTLED_PX:
+                break
     return shift
 
 

@@ -9,4 +9,6 @@ IGNORE = 255  # label of pixels that are neither object nor background (an arm, 
 
 def object_mask(labels: np.ndarray) -> np.ndarray:
     """Where label images (..., H, W) show the object, bool: neither background nor IGNORE."""
-    return (labels > 0) & (labels != IGNORE)
+    mask = labels > 0
+    mask &= labels != IGNORE  # in place: they may be those of a whole clip
+    return mask

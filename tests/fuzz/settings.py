@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from diffphys_ros import config
-from diffphys_ros.__main__ import _flags, _parse
+from diffphys_ros.__main__ import _parse
 from diffphys_ros.errors import InputError
 from tests.fuzz._spoil import checked_sentence, spoiled_bytes, words_of
 
@@ -121,7 +121,7 @@ def flags(rng: np.random.Generator) -> list[str]:
 
 
 def by_flags(rng: np.random.Generator, folder: Path) -> config.Settings:
-    return config.layered(flags=_flags(flags(rng)))
+    return config.layered(flags=config.flags_of(flags(rng)))
 
 
 def by_command(rng: np.random.Generator, folder: Path) -> config.Settings:

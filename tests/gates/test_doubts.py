@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,8 @@ from diffphys_ros.inverse import Prepared
 from tests.coarse import coarse_elements
 
 from . import clips
+
+PAGE = Path(__file__).parents[2] / "docs" / "film_a_clip.md"
 
 
 @pytest.fixture
@@ -39,7 +42,7 @@ def test_a_sound_clip_is_not_doubted(kind: str, ingested: Callable[[str], Path])
 
 
 def test_a_camera_that_turns_slowly_is_taken_off(prepared: Callable[..., Prepared]) -> None:
-    found = prepared(clips.panned, source=sample_folder("bar"))
+    found = prepared(clips.panned, "--frames.fit", "24", source=sample_folder("bar"))
     with np.load(sample_folder("bar") / "truth.npz") as truth:
         error = np.log10(found.start.young / truth["part_E"])
     assert found.doubts == ()
@@ -48,7 +51,7 @@ def test_a_camera_that_turns_slowly_is_taken_off(prepared: Callable[..., Prepare
 
 
 def test_a_camera_that_turns_far_is_noticed(prepared: Callable[..., Prepared]) -> None:
-    (doubt,) = prepared(partial(clips.panned, px=2 * clips.PAN_PX), source=sample_folder("bar")).doubts
+    (doubt,) = prepared(partial(clips.panned, px=4 * clips.PAN_PX), "--frames.fit", "16", source=sample_folder("bar")).doubts
     assert doubt.of_young
     assert "the camera moves" in doubt.text
 
@@ -72,3 +75,9 @@ def test_a_gravity_that_is_not_there_leaves_no_stiffness(prepared: Callable[...,
     found = prepared(lambda clip: (clip.frames, clip.depth), "--scene.gravity_m_s2", "[0, 0, -100]")
     assert not found.start.identified.any()
     assert "scene.gravity_m_s2" in found.start.reasons[0]
+
+
+def test_the_page_shows_the_first_answer_that_the_bar_has(ingested: Callable[[str], Path]) -> None:
+    shown = re.findall(r"([\d.e+]+) Pa \(x/ ([\d.]+)\)", PAGE.read_text())
+    start = result.load_prepared(ingested("bar")).start
+    np.testing.assert_allclose(np.array(shown, float), np.stack([start.young, 10**start.log10_young_sd], 1), rtol=0.02)

@@ -5,10 +5,12 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from diffphys_ros.inverse.carried import CHUNK, CarriedGaussians
+from diffphys_ros.inverse import carried as module
+from diffphys_ros.inverse.carried import CarriedGaussians
 
 from .test_refine import camera, sheet
 
+FRAMES = 10
 BACKGROUND = np.full((48, 64, 3), 77, np.uint8)
 
 
@@ -17,7 +19,7 @@ def trajectory():
     """Particles (T, P, 3) [m], world."""
     block = np.stack(np.meshgrid(*(np.linspace(-e, e, n) for e, n in ((0.07, 8), (0.05, 6), (0.01, 3))), indexing="ij"), -1).reshape(-1, 3)
     block += np.random.default_rng(0).normal(0, 1e-3, block.shape)  # no two particles are equally near to a Gaussian
-    bent = [block + [0, 0, 1] * (0.3 * k * block[:, :1] ** 2) for k in range(CHUNK + 2)]
+    bent = [block + [0, 0, 1] * (0.3 * k * block[:, :1] ** 2) for k in range(FRAMES)]
     return np.stack([Rotation.from_rotvec([0, 0.04 * k, 0.02 * k]).apply(x) for k, x in enumerate(bent)])
 
 
@@ -32,13 +34,17 @@ def test_a_clip_is_the_same_in_whatever_frame_its_particles_are_given(carried, t
     body = (trajectory - pose[:3, 3]) @ pose[:3, :3]
     own = CarriedGaussians.of(sheet(), body[0], camera(), BACKGROUND, world_from_particles=pose, device="cpu")
     world, placed = carried.clip(trajectory).astype(float), own.clip(body).astype(float)
-    assert world.shape == (CHUNK + 2, 48, 64, 3)
+    assert world.shape == (FRAMES, 48, 64, 3)
     assert np.abs(world - world[0]).mean() > 5
     assert np.abs(world - placed).mean() < 0.3  # grey levels; which of two Gaussians of a flat sheet covers the other is rounding
 
 
-def test_a_frame_does_not_depend_on_those_that_are_rendered_with_it(carried, trajectory):
-    np.testing.assert_array_equal(carried.clip(trajectory)[[0, CHUNK + 1]], carried.clip(trajectory[[0, CHUNK + 1]]))
+@pytest.mark.parametrize("frames", [1, 3])
+def test_a_frame_does_not_depend_on_those_that_are_rendered_with_it(carried, trajectory, monkeypatch, frames):
+    whole = carried.clip(trajectory)
+    monkeypatch.setitem(module.AT_ONCE, "cpu", frames * len(carried.mean))
+    assert carried.spans(FRAMES) == [slice(first, first + frames) for first in range(0, FRAMES, frames)]
+    np.testing.assert_array_equal(carried.clip(trajectory), whole)
 
 
 def test_the_motion_for_a_fit_leads_to_where_the_gaussians_are_drawn(carried, trajectory):

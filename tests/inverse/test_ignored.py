@@ -10,11 +10,12 @@ import torch
 
 from diffphys_ros.config import build
 from diffphys_ros.depth import surface_depth
+from diffphys_ros.inverse import carried
 from diffphys_ros.inverse.carried import CarriedGaussians
-from diffphys_ros.inverse.evidence import pixels
 from diffphys_ros.inverse.evidence.pixels import ImageTerm, static_background
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.particles import bind
+from diffphys_ros.progress import finished
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.splats import fit_splats
 from diffphys_ros.tracks import follow
@@ -97,20 +98,14 @@ def test_gaussians_of_a_clip_that_begins_under_the_arm_do_not_know_it(crossed: t
     fitted = []
     for clip in (crossed[1], repainted(crossed[1], 3)):
         depth0 = np.where(clip.labels[7] == 1, clip.depth[7], 0).astype(np.float32)
-        steps = fit_splats(clip.frames[7], clip.labels[7], depth0, clip.camera, settings)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as stop:
-                fitted.append(stop.value)
-                break
+        fitted.append(finished(fit_splats(clip.frames[7], clip.labels[7], depth0, clip.camera, settings)))
     assert all(np.array_equal(a, b) for a, b in zip(vars(fitted[0]).values(), vars(fitted[1]).values(), strict=True))
 
 
 @pytest.mark.parametrize("frames", [1, 3])
 def test_frames_in_turn_give_the_loss_and_gradient_of_all_at_once(terms, crossed: tuple[Occluded, Clip], monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
     whole = terms(crossed[1])
-    monkeypatch.setitem(pixels.AT_ONCE, "cpu", 48 * frames)
+    monkeypatch.setitem(carried.AT_ONCE, "cpu", 48 * frames)
     parts = terms(crossed[1])
     assert parts[:2] == pytest.approx(whole[:2], rel=1e-5)
     np.testing.assert_allclose(parts[2], whole[2], atol=1e-5 * np.abs(whole[2]).max())

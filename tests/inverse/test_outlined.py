@@ -12,6 +12,7 @@ import pytest
 from diffphys_ros import config
 from diffphys_ros.inverse import prepare
 from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.progress import finished
 from diffphys_ros.types import Clip
 from tests.plain_strips import Strip
 
@@ -24,12 +25,7 @@ DENSITY = 1070.0
 @pytest.fixture(scope="module")
 def prepared() -> Prepared:
     told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": STRIP.length_px / STRIP.px_per_m, "scene.poisson_ratio": [0.3]}
-    steps = prepare(STRIP.clip(), config.layered([], told))
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
+    return finished(prepare(STRIP.clip(), config.layered([], told)))
 
 
 def test_the_outline_is_chosen_where_there_is_no_texture(prepared: Prepared) -> None:

@@ -13,6 +13,7 @@ from diffphys_ros.elements.plane import Plane
 from diffphys_ros.inverse import prepare
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.outline import covered
+from diffphys_ros.progress import finished
 from diffphys_ros.types import Clip
 from tests.elements.test_plane import bar
 
@@ -39,12 +40,7 @@ def film() -> Clip:
 @pytest.fixture(scope="module")
 def prepared() -> Prepared:
     told = {"scene.density_kg_m3": [1000.0], "scene.size_m": LENGTH * (1 + 9.81 * LENGTH / 2 / SPECIFIC), "scene.poisson_ratio": [0.3], "scene.gravity_m_s2": [0.0, 9.81, 0.0], "scene.thickness_m": 0.01}
-    steps = prepare(film(), config.layered([], told))
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
+    return finished(prepare(film(), config.layered([], told)))
 
 
 def test_gravity_is_no_stiffness_of_the_strip(prepared: Prepared) -> None:

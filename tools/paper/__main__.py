@@ -9,23 +9,22 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from bags.sample import sample_folder
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.batch import Request, run_batch
-from diffphys_ros.batch.find import Recording, find_recordings
-from diffphys_ros.config.files import parse_text
+from diffphys_ros.batch.find import find_recordings
 from diffphys_ros.errors import InputError
 from diffphys_ros.metrics.lpips import Lpips
 
 from . import page, rows
-from .figures import draw_all
+from .figures import draw_all, drawn
 from .variants import CONFIG, VARIANTS, Variant
 
-LEAVES = config.leaves()
+FIGURES = "figures"  # of all runs, a folder each
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -72,15 +71,16 @@ def folder_of(variant: Variant, options: argparse.Namespace) -> Path:
 
 
 def _recovered(variant: Variant, options: argparse.Namespace) -> int:
-    words = variant.settings(device=options.device, quick=options.quick)
+    settings = variant.settings(device=options.device, quick=options.quick)
+    words = tuple(f"--{name}={value}" for name, value in settings.items())
     print(f"== {variant.name}", flush=True)
     return run_batch(
         Request(
             clips=clips(quick=options.quick),
             out=folder_of(variant, options),
             configs=_configs(variant),
-            flags=_flags(words),
-            words=tuple(word for name, value in words.items() for word in (f"--{name}", value)),
+            flags=config.flags_of(words),
+            words=words,
             workers=1,  # times and memory are those of a run that is alone
             resume=True,
         )
@@ -91,34 +91,23 @@ def _configs(variant: Variant) -> tuple[Path, ...]:
     return (CONFIG.resolve(),) if variant.published else ()
 
 
-def _flags(words: Mapping[str, str]) -> dict[str, object]:
-    return {name: parse_text(LEAVES[name], value) for name, value in words.items()}
-
-
 def _written(chosen: Sequence[Variant], options: argparse.Namespace) -> Path:
     """Rows merged, figures drawn, the page; returns its path."""
     measure = Lpips.of(options.lpips) if options.lpips else None
     found: list[rows.Row] = []
-    figures: list[tuple[str, Path]] = []
     for recording in find_recordings(clips(quick=options.quick), out=options.out):
         settings = config.layered([recording.given] if recording.given else [])
         clip = read_clip(recording.path, settings)
-        about = {"clip": recording.name.rsplit("-", 1)[0], "device": options.device, "quick": options.quick, "lpips": measure}
-        found += rows.without_physics(clip.frames, **about)  # type: ignore[arg-type]
+        run = rows.Run(recording.name.rsplit("-", 1)[0], options.device, quick=options.quick)
+        found += rows.without_physics(clip.frames, run, lpips=measure)
         for variant in chosen:
             folder = folder_of(variant, options) / recording.name
-            row = rows.of_recovery(folder, clip.frames, variant=variant.name, truth=recording.truth, **about)  # type: ignore[arg-type]
+            row = rows.of_recovery(folder, clip.frames, run, variant=variant.name, truth=recording.truth, lpips=measure)
             found.append(row)
             if variant.table == 1 and not row.why:
-                figures += _drawn(folder, clip, recording, variant, options)
-    return page.write(options.out / "paper.html", rows.merged(options.out / "rows.json", found), figures)
-
-
-def _drawn(folder: Path, clip, recording: Recording, variant: Variant, options: argparse.Namespace) -> list[tuple[str, Path]]:  # type: ignore[no-untyped-def]
-    recovery = result.load(folder)
-    shown = clip.part(0, len(recovery.trajectory))
-    to = options.out / "figures" / f"{recording.name}_{variant.name}"
-    return [(f"{title}: {recording.name.rsplit('-', 1)[0]}, {variant.name}", path) for title, path in draw_all(to, recovery, shown)]
+                recovery = result.load(folder)
+                draw_all(options.out / FIGURES / f"{run.clip}, {variant.name}, {folder.parent.parent.name}", recovery, clip.part(0, len(recovery.trajectory)))
+    return page.write(options.out / "paper.html", rows.merged(options.out / "rows.json", found), drawn(options.out / FIGURES))
 
 
 if __name__ == "__main__":

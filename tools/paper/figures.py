@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +20,23 @@ from .rows import young_moved_with
 TIMES, ARROWS, ARROW_SHARE, DPI = 4, 60, 0.25, 80  # arrows a frame; the longest's share of the object's size
 VIEWS = ((0.0, 0.0), (0.0, 60.0), (60.0, 20.0))  # elevation and azimuth [deg] from the camera's side
 DIFFERENCE_GAIN = 4
+TITLES = {"force": "Figure 1. Force", "material": "Figure 3. Material", "slices": "Figures 4 and 5. Slices through space and time", "parts": "Figure A.2. Parts"}
 WORDS_WIDTH = 120  # characters a line
 
 
-def draw_all(folder: Path, recovery: Recovery, clip: Clip) -> Iterator[tuple[str, Path]]:
-    """Writes the figures into a folder; yields title and file of each. The clip's frames are those of the recovery."""
+def draw_all(folder: Path, recovery: Recovery, clip: Clip) -> None:
+    """Writes the figures into a folder, a PNG each by the names of TITLES. The clip's frames are those of the recovery."""
     folder.mkdir(parents=True, exist_ok=True)
-    made = {"Figure 1. Force": force(recovery, clip), "Figure 3. Material": material(recovery, clip), "Figure A.2. Parts": parts(recovery, clip)}
+    made = {"force": force(recovery, clip), "material": material(recovery, clip), "parts": parts(recovery, clip)}
     if recovery.frames is not None:
-        made |= {"Figure 4 and 5. Slices through space and time": slices(recovery.frames, clip.frames)}
-    for title, figure in made.items():
-        path = folder / (title.split(". ")[1].split(" ")[0].lower() + ".png")
-        figure.savefig(path, dpi=DPI, facecolor="white", metadata={"Software": None})
-        yield title, path
+        made["slices"] = slices(recovery.frames, clip.frames)
+    for name, figure in made.items():
+        figure.savefig(folder / f"{name}.png", dpi=DPI, facecolor="white", metadata={"Software": None})
+
+
+def drawn(folder: Path) -> list[tuple[str, Path]]:
+    """Title and file of the figures that there are of all runs, one folder each, those of one kind together."""
+    return [(f"{title}: {path.parent.name}", path) for name, title in TITLES.items() for path in sorted(folder.glob(f"*/{name}.png"))]
 
 
 def force(recovery: Recovery, clip: Clip) -> Figure:

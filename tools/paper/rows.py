@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +18,14 @@ from diffphys_ros.types import MpmProblem, Recovery
 
 from .pictures import frozen, moving, scores, warped
 from .variants import QUICK
+
+
+class Run(NamedTuple):
+    """What the rows of one run share."""
+
+    clip: str
+    device: str
+    quick: bool
 
 
 @dataclass(frozen=True)
@@ -43,26 +51,26 @@ class Row:
         return self.clip, self.variant, self.device, self.quick
 
 
-def of_recovery(folder: Path, video: np.ndarray, *, clip: str, variant: str, device: str, quick: bool, lpips: Lpips | None = None, truth: Path | None = None) -> Row:
+def of_recovery(folder: Path, video: np.ndarray, run: Run, *, variant: str, lpips: Lpips | None = None, truth: Path | None = None) -> Row:
     """The row of a batch's folder; one that failed says why. video uint8 (T, H, W, 3)."""
     status = read_status(folder)
     if status is None or status.state != "done":
-        return Row(clip, variant, device, quick, why=status.reason or status.state if status else "not run")
+        return Row(run.clip, variant, run.device, run.quick, why=status.reason or status.state if status else "not run")
     recovery, metrics = result.load(folder), result.read_metrics(folder)
     time = {"seconds": status.seconds, "memory_mb": status.memory_mb}
     about: dict[str, Any] = {**time, "identified": bool(recovery.identified.all()), "force_cosine": metrics.get("net_force_cosine")}
     if truth is not None:
         about["young_log10_error"] = young_errors(recovery, truth)
     if recovery.frames is None:
-        return Row(clip, variant, device, quick, why="holds no rendered frames", **about)
-    return _scored(Row(clip, variant, device, quick, **about), recovery.frames, video, lpips)
+        return Row(run.clip, variant, run.device, run.quick, why="holds no rendered frames", **about)
+    return _scored(Row(run.clip, variant, run.device, run.quick, **about), recovery.frames, video, lpips)
 
 
-def without_physics(video: np.ndarray, *, clip: str, device: str, quick: bool, lpips: Lpips | None = None) -> list[Row]:
+def without_physics(video: np.ndarray, run: Run, *, lpips: Lpips | None = None) -> list[Row]:
     """Rows of the frozen first frame and of the flow warp, over the frames that a run of this length fits."""
-    shown = video[: int(QUICK["frames.fit"])] if quick else video
+    shown = video[: int(QUICK["frames.fit"])] if run.quick else video
     made = {"frozen first frame": frozen(shown), "flow warp of frame 0": warped(shown)}
-    return [_scored(Row(clip, name, device, quick), frames, video, lpips) for name, frames in made.items()]
+    return [_scored(Row(run.clip, name, run.device, run.quick), frames, video, lpips) for name, frames in made.items()]
 
 
 def young_errors(recovery: Recovery, truth: Path) -> tuple[float | None, ...]:

@@ -24,8 +24,6 @@ BACKGROUND_FRAMES = 15  # at least, where there are as many, that are asked what
 TEXTURE_PX = 2.0  # displacement at which textured images of the object have nothing in common any more
 EDGE_PX = 2  # pixels this near to the mask's border are left out of the depth term
 GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
-AT_ONCE = {"cpu": 30_000, "cuda": 1_000_000}  # Gaussians of all frames that are rendered together, at some 3 kB each; more frames are rendered again on
-# the way back, for 3 % more time on a CPU; a GPU wants many at a time
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
@@ -126,8 +124,7 @@ class ImageTerm:
 
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""
-        size = max(1, AT_ONCE[x.device.type] // len(self.renderer.mean))
-        spans = [slice(first, first + size) for first in range(0, len(x), size)]
+        spans = self.renderer.spans(len(x))
         of = self._of if len(spans) == 1 else partial(checkpoint, self._of, use_reentrant=False)
         image, pixels, depth, measured = map(torch.stack, zip(*(of(span, x[span], x0, F[span], mean_square) for span in spans), strict=True))
         return _Misfits(_mean(image, pixels), pixels.sum(), _mean(depth, measured), measured.sum())

@@ -97,6 +97,8 @@ class Replay:
         self.free: list[Tape] = []
         self.lent = 0
         self._leases: list[weakref.ref[Lease]] = []  # in the order in which frames ran
+        self._last: Run | None = None
+        self._chunk_tape: Tape | None = None
         self.once = self._tape(1, room=0)  # for runs that keep nothing
         self._make_room(self.whole_nodes if nodal else rest_nodes(grid, x_rest.cpu().numpy()))
 
@@ -132,6 +134,14 @@ class Replay:
             self._replay(data, place.room)
         return self.scratch.state_bar.clone(), self.scratch.end_backward(place.room)
 
+    def release(self) -> None:
+        """Let the tapes go that no frame's graph holds; they are made again when a gradient is asked for."""
+        self.lent -= len(self.free)
+        self.free.clear()
+        self._chunk_tape, self._marks = None, self.scratch.volume.new_zeros(0)
+        if self._last is not None:
+            self._last = Run(self.once, self._last.data, False)
+
     def bytes(self) -> int:
         """Memory once gradients were asked for, tapes that stay between passes included [bytes]."""
         per_tape = self.state_bytes * (self.plan.chunk + 1) + self.plan.chunk * self.velocity_bytes * self.plan.keep_velocity
@@ -142,9 +152,10 @@ class Replay:
         particle that raised it: after that substep where the states were kept, else at the frame's start."""
         flags = self.scratch.flags[:-1].cpu()
         simulation = int((flags != NO_FLAG).nonzero()[0])
-        code = int(flags[simulation])
+        code, last = int(flags[simulation]), self._last
+        assert last is not None
         substep, particle = divmod(code // 4, len(self.scratch.volume))
-        states = self._last.tape.states[substep + 1] if self._last.kept else self._last.data
+        states = last.tape.states[substep + 1] if last.kept else last.data
         return simulation, code, states[simulation, particle, :3].detach().cpu().numpy()
 
     def _attempt(self, tape: Tape, room: int, data: Tensor, values: tuple[Tensor, ...], *, keep: bool) -> Tensor:
@@ -159,7 +170,7 @@ class Replay:
         """Whether a particle raised a flag, and the nodes that the largest box wanted, in one copy from the device."""
         *codes, nodes = self.scratch.flags.tolist()
         flagged = min(codes) != NO_FLAG
-        if flagged:
+        if flagged and self._last is not None:
             for velocity in (self._last.tape.velocity, self.scratch.velocity):
                 velocity.zero_()  # nodes without mass are not written: nothing that is not finite may stay there
         return flagged, nodes
@@ -171,7 +182,7 @@ class Replay:
         s.reserve(self.room)
         self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room
         self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes, frames=self.frames)
-        self._chunk_tape: Tape | None = None
+        self._chunk_tape = None
         self._marks = s.volume.new_zeros(0)
 
     def _replay(self, data: Tensor, room: int) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 NODE_VALUES = 4  # scalars per node of a velocity grid
-WORTH = 0.1  # share of a rollout's frames from which tapes of whole frames are kept: fewer save less time than they take memory
+WORTH = 0.2  # share of a rollout's frames from which tapes of whole frames are kept: fewer save less time than they take memory
 
 
 @dataclass(frozen=True)
