@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+GENERATORS = ("beam", "plate", "tee")  # families of the generator's own
 CONTACT_RATE = 2 * math.pi * 150.0  # rad/s: a node of mass m that is in the floor is pushed out by m (CONTACT_RATE)^2 a metre
 CONTACT_DAMPING = 0.3  # of the critical one
 FRICTION = 0.8  # Coulomb
@@ -106,8 +107,20 @@ def extend(maker: Any, options: argparse.Namespace) -> None:
     if options.force:
         families.BURSTS = (options.force,)
     _with_limits(maker, families, checks, family, options)
+    if options.plain:
+        _painted_evenly()
     if options.family == "block":
         _let_go(maker)
+
+
+def _painted_evenly() -> None:
+    """Surfaces without a texture: each part of one colour."""
+    texture = importlib.import_module("softbody.texture")
+
+    def skin(base: Any, dark: Any, style: str, rng: Any, size: int = 64) -> bytes:
+        return bytes(texture.png(np.broadcast_to(np.array(base, float), (size, size, 3))))
+
+    texture.skin = skin
 
 
 def _with_limits(maker: Any, families: Any, checks: Any, family: Family | None, options: argparse.Namespace) -> None:
@@ -250,8 +263,9 @@ def main(arguments: list[str]) -> int:
     """Makes one scene; returns the generator's exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("generator", type=Path)
-    parser.add_argument("--family", choices=FAMILIES, help="default: the generator's")
+    parser.add_argument("--family", choices=(*FAMILIES, *GENERATORS), help="default: drawn of the generator's")
     parser.add_argument("--hidden", action="store_true", help="all parts look alike")
+    parser.add_argument("--plain", action="store_true", help="parts of one colour each, without texture")
     parser.add_argument("--force", help="kind of force, default drawn")
     options, rest = parser.parse_known_args(arguments)
     sys.path.insert(0, str(options.generator))
