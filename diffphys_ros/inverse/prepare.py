@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     """The labelled clip and the points followed on the object, its depth in frame 0 [m] (H, W) and where that comes from, and its body."""
     from ..body import build_body
     from ..depth import surface_depth
+    from ..outline import follow_outline
     from ..tracks import follow, on_tripod
 
     yield Progress("segment", text="object mask and parts")
@@ -119,14 +121,24 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     depth0, source = surface_depth(clip, settings)
     if settings.depth.source not in ("auto", "topic"):
         clip = replace(clip, depth=None)  # tracks and body lie on the surface that was asked for
-    yield Progress("tracks", text="following surface points")
-    held = on_tripod(clip, follow(clip, depth0, settings), lambda steady: follow(steady, depth0, settings))
+    by_outline = _plain(clip, settings)
+    yield Progress("tracks", text="too little texture for points: following the outline" if by_outline else "following surface points")
+    followed = partial(follow_outline, depth0=depth0) if by_outline else partial(follow, depth0=depth0, settings=settings)
+    held = on_tripod(clip, followed(clip), followed)
     if held.clip is not clip:
         held = replace(held, clip=_evenly_exposed(held.clip))
         yield Progress("tracks", text=held.clip.notes[-1])
     yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
     body = build_body(held.clip, depth0, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
+
+
+def _plain(clip: Clip, settings: Settings) -> bool:
+    """Whether the object's outline is followed from frame 0 on, where it rests."""
+    from ..outline import plain_at_first
+
+    wanted = settings.tracks.evidence
+    return wanted == "outline" or (wanted == "auto" and plain_at_first(clip, settings))
 
 
 def describe_prior(prior: MaterialPrior) -> str:

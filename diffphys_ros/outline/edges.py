@@ -35,14 +35,28 @@ def grey_of(frame: np.ndarray) -> np.ndarray:
 
 def outline_of(grey: np.ndarray, mask: np.ndarray, spacing_px: float) -> Outline:
     """The outline of a mask (H, W) in a picture (H, W), float32; nothing of it lies at the picture's border. Empty where all does."""
-    path = max(cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0].astype(float)
-    height, width = mask.shape
-    inside = ((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1)
-    runs = [_evenly(run) for run in _runs(path, inside)]
-    found = [_refined(grey, run, round(spacing_px)) for run in runs if len(run) > 4 * SMOOTH_PX]
+    found = [_refined(grey, run, round(spacing_px)) for run in _inner_runs(mask)]
     if not found:
         return Outline(*np.zeros((2, 0, 2)), *np.zeros((3, 0)))
     return Outline(*(np.concatenate(each) for each in zip(*found, strict=True)))
+
+
+def along_border(mask: np.ndarray, spacing_px: float) -> Outline:
+    """As `outline_of`, by the mask alone: no picture refines it, levels are 0."""
+    found = []
+    for run in _inner_runs(mask):
+        chosen = np.arange(round(spacing_px) // 2, len(run), max(round(spacing_px), 1))
+        nought = np.zeros(len(chosen))
+        found.append((run[chosen], _outward(run)[chosen], nought, nought, _to_corner(run)[chosen]))
+    return Outline(*(np.concatenate(each) for each in zip(*found, strict=True))) if found else Outline(*np.zeros((2, 0, 2)), *np.zeros((3, 0)))
+
+
+def _inner_runs(mask: np.ndarray) -> list[np.ndarray]:
+    """The pieces of a mask's border inside the picture, smooth, with points a pixel apart."""
+    path = max(cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0].astype(float)
+    height, width = mask.shape
+    inside = ((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1)
+    return [run for run in map(_evenly, _runs(path, inside)) if len(run) > 4 * SMOOTH_PX]
 
 
 def _runs(path: np.ndarray, inside: np.ndarray) -> list[np.ndarray]:
@@ -65,7 +79,7 @@ def _evenly(run: np.ndarray) -> np.ndarray:
 
 def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, ...]:
     """The fields of Outline for every `step`-th point of an even run (n, 2)."""
-    normal = _outward(grey, run)
+    normal = _outward(run)
     level, contrast = _half_level(grey, run, normal)
     moved = distances(grey, run, normal, level, REFINE_PX)
     known = np.isfinite(moved)
@@ -73,13 +87,13 @@ def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, 
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0)
     moved = np.interp(np.arange(len(run)), np.flatnonzero(known), moved[known])
     run = run + gaussian_filter1d(moved, SMOOTH_PX, mode="nearest")[:, None] * normal
-    normal = _outward(grey, run)
+    normal = _outward(run)
     level, contrast = _half_level(grey, run, normal)
     chosen = np.arange(step // 2, len(run), max(step, 1))
     return run[chosen], normal[chosen], level[chosen], contrast[chosen], _to_corner(run)[chosen]
 
 
-def _outward(grey: np.ndarray, run: np.ndarray) -> np.ndarray:
+def _outward(run: np.ndarray) -> np.ndarray:
     """Unit normals (n, 2) of an even run. cv2 walks outer contours counterclockwise as the picture shows them, y down."""
     along = np.gradient(gaussian_filter1d(run, TURN_PX, axis=0, mode="nearest"), axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -110,6 +124,30 @@ def _to_corner(run: np.ndarray) -> np.ndarray:
     return np.abs(np.arange(len(run))[:, None] - sharp).min(1).astype(float) if len(sharp) else np.full(len(run), float(len(run)))
 
 
+def tinted(frame: np.ndarray, outline: Outline) -> np.ndarray:
+    """Weights (P, 3) of red, green and blue under which inside and outside of points on an outline differ most, in an RGB frame (H, W, 3)."""
+    channels = [_sides(frame[..., c].astype(np.float32), outline.pixels, outline.normals) for c in range(3)]
+    difference = np.stack([inner - outer for inner, outer in channels], 1)
+    known = np.isfinite(difference).all(1)
+    if len(known) > 1:
+        difference = gaussian_filter1d(np.where(known[:, None], difference, 0.0), SMOOTH_PX, axis=0, mode="nearest")
+    return difference / np.maximum(np.linalg.norm(difference, axis=1, keepdims=True), 1e-9)
+
+
+def tinted_levels(frame: np.ndarray, outline: Outline, tint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Level half way between inside and outside, and the inside's over the outside's, (P,) each, of an RGB frame under a tint (P, 3)."""
+    sides = np.stack([_sides(frame[..., c].astype(np.float32), outline.pixels, outline.normals) for c in range(3)], -1)  # (2, P, 3)
+    inner, outer = (sides * tint).sum(-1)
+    return (inner + outer) / 2, inner - outer
+
+
+def tinted_distances(frame: np.ndarray, outline: Outline, tint: np.ndarray, reach_px: float) -> np.ndarray:
+    """As `distances`, of an RGB frame under a tint (P, 3), for an outline whose levels are those under it."""
+    reach = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
+    seen = sum(tint[:, c, None] * profiles(frame[..., c].astype(np.float32), outline.pixels, outline.normals, reach) for c in range(3))
+    return _crossings((seen - outline.level[:, None]) * np.sign(outline.contrast)[:, None], reach)
+
+
 def profiles(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Grey levels (P, S) of a picture (H, W) along normals (P, 2) of pixels (P, 2), at distances (S,) [px]; NaN outside the picture."""
     at = pixels[:, None] + reach[:, None] * normals[:, None]
@@ -125,9 +163,14 @@ def distances(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: 
         above = above * np.sign(contrast)[:, None]
     elif np.nanmean(above[:, 0]) < np.nanmean(above[:, -1]):
         above = -above  # a dark object
+    return _crossings(above, reach)
+
+
+def _crossings(above: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Where along reach (S,) [px] values (P, S) pass from above 0 to below, nearest to 0, (P,); NaN where they do not."""
     leaves = (above[:, :-1] > 0) & (above[:, 1:] <= 0)
     place = np.where(leaves, np.abs(reach[:-1] + STEP_PX / 2), np.inf)
-    rows, k = np.arange(len(pixels)), place.argmin(1)
+    rows, k = np.arange(len(above)), place.argmin(1)
     a, b = above[rows, k], above[rows, k + 1]
     share = np.divide(a, a - b, out=np.zeros(len(a)), where=a != b)
     return np.where(np.isfinite(place[rows, k]), reach[k] + STEP_PX * share, np.nan)

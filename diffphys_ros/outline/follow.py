@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import InputError
 from ..inpaint import nearest_known
 from ..types import Clip, Tracks, object_mask
-from .edges import Outline, distances, grey_of, outline_of
+from .edges import REFINE_PX, Outline, along_border, distances, grey_of, outline_of, tinted, tinted_distances, tinted_levels
 
 SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the errors of an edge
 MOST_POINTS = 150
@@ -18,6 +20,7 @@ REACH = 0.5  # of the object's extent that an edge is looked for on either side,
 LEAST_REACH_PX, MOST_REACH_PX = 12.0, 60.0
 LEAST_SHARE = 0.5  # of the received frames in which a point must be seen
 LEAST_CONTRAST = 8.0  # grey levels between inside and outside
+MOST_FAINT = 0.2  # share of an outline that may have less, before colours are looked at
 SMOOTH_MOTIONS = 3  # principal motions of an outline; what they leave is noise
 LEAST_SD_PX = 0.05
 WORST = 4.0  # times the usual spread beyond which a point's edge is none
@@ -29,8 +32,9 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     off the object. Raises InputError where too little of the outline is seen to move across itself."""
     assert clip.labels is not None
     mask = object_mask(clip.labels[0])
-    outline = _chosen(outline_of(grey_of(clip.frames[0]), mask, _spacing(mask)), clip.labels)
-    seen = measured(clip, outline, _reach(mask))
+    outline, tint = _outline(clip.frames[0], mask)
+    outline, tint = _chosen(outline, tint, clip.labels)
+    seen = measured(clip, outline, tint, _reach(mask))
     kept = np.isfinite(seen[0]) & (np.isfinite(seen[clip.seen]).mean(0) > LEAST_SHARE)
     if kept.any():
         spread = _spread(seen[:, kept])
@@ -43,9 +47,27 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     return _as_tracks(clip, outline, seen, kept, depth0)
 
 
-def measured(clip: Clip, outline: Outline, reach_px: float) -> np.ndarray:
+def _outline(frame: np.ndarray, mask: np.ndarray) -> tuple[Outline, np.ndarray | None]:
+    """The outline of a mask (H, W) in an RGB frame, and the tint (P, 3) under which it is seen best where grey levels leave much of it faint."""
+    outline = outline_of(grey_of(frame), mask, _spacing(mask))
+    if not len(outline.pixels) or (np.abs(outline.contrast) < LEAST_CONTRAST).mean() <= MOST_FAINT:
+        return outline, None
+    outline = along_border(mask, _spacing(mask))
+    tint = tinted(frame, outline)
+    level, contrast = tinted_levels(frame, outline, tint)
+    outline = replace(outline, level=level, contrast=contrast)
+    moved = np.nan_to_num(tinted_distances(frame, outline, tint, REFINE_PX))
+    outline = replace(outline, pixels=outline.pixels + moved[:, None] * outline.normals)
+    level, contrast = tinted_levels(frame, outline, tint)
+    return replace(outline, level=level, contrast=contrast), tint
+
+
+def measured(clip: Clip, outline: Outline, tint: np.ndarray | None, reach_px: float) -> np.ndarray:
     """Signed distances (T, P) [px] of the observed outline along the normals of these points; NaN where none is seen."""
-    found = [distances(grey_of(frame), outline.pixels, outline.normals, outline.level, reach_px, outline.contrast) for frame in clip.frames]
+    if tint is None:
+        found = [distances(grey_of(frame), outline.pixels, outline.normals, outline.level, reach_px, outline.contrast) for frame in clip.frames]
+    else:
+        found = [tinted_distances(frame, outline, tint, reach_px) for frame in clip.frames]
     return np.where(clip.seen[:, None], np.array(found), np.nan)
 
 
@@ -61,12 +83,12 @@ def _reach(mask: np.ndarray) -> float:
     return float(np.clip(REACH * _extent(mask), LEAST_REACH_PX, MOST_REACH_PX))
 
 
-def _chosen(outline: Outline, labels: np.ndarray) -> Outline:
+def _chosen(outline: Outline, tint: np.ndarray | None, labels: np.ndarray) -> tuple[Outline, np.ndarray | None]:
     """The points whose normals lie along the motion, away from corners, on an edge that can be seen."""
     extent = _extent(object_mask(labels[0]))
     direction = _direction(labels)
     kept = (np.abs(outline.normals @ direction) > ALONG) & (outline.to_corner_px > FROM_CORNER * extent) & (np.abs(outline.contrast) > LEAST_CONTRAST)
-    return Outline(*(each[kept] for each in vars(outline).values()))
+    return Outline(*(each[kept] for each in vars(outline).values())), None if tint is None else tint[kept]
 
 
 def _direction(labels: np.ndarray) -> np.ndarray:

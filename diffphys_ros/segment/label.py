@@ -9,14 +9,16 @@ import numpy as np
 from ..config import Settings
 from ..errors import InputError
 from ..picture import side_of
+from ..plainness import plain
 from ..types import IGNORE, Clip, object_mask
+from .even import labels_by_colour
 from .flow import flow_mask
 from .given import given_mask
 from .motion import motion_mask
 from .otsu import otsu_mask
 from .parts import numbered, split_parts
 from .prompt import NO_MARK, Mark
-from .propagate import propagate
+from .propagate import MATCHING, SPACING_PX, propagate
 from .regions import pixel_grid
 from .sam import sam_mask
 
@@ -35,7 +37,7 @@ def label_clip(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarr
     """Label images of the whole clip, uint8 (T, H, W): 0 background, 1..n parts with 1 at the clamp, 255 ignore.
 
     The object mask of frame 0 is the marked one, else comes from `segment.method`; a mask without parts is split by colour into at most
-    `segment.max_parts` connected parts; optical flow carries both through the clip. Raises InputError where no object is found,
+    `segment.max_parts` connected parts; optical flow carries both through the clip, or where the object is plain its colours. Raises InputError where no object is found,
     and for frames too small to see motion.
     """
     height, width = clip.frames.shape[1:3]
@@ -44,7 +46,9 @@ def label_clip(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarr
             f"{clip.source or 'clip'}: the frames have {width} x {height} pixels, needs at least {LEAST_SIDE_PX} a side to see motion; film the object larger"
         )
     mask = _without_held(METHODS[_method(clip, settings, mark)](clip, settings, mark), settings)
-    return propagate(clip.frames, clip.seen, first_labels(mask, clip, settings), clip.depth)
+    first = first_labels(mask, clip, settings)
+    even = labels_by_colour(clip.frames, clip.seen, first) if plain(clip.frames, object_mask(first), MATCHING, spacing_px=SPACING_PX) else None
+    return propagate(clip.frames, clip.seen, first, clip.depth) if even is None else even
 
 
 def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray:

@@ -15,7 +15,7 @@ from .interpolate import interpolated_sources
 from .occlude import ColourWitness, DepthWitness, before_the_scene
 from .regions import pixel_grid
 
-TRACKS = 150
+TRACKS, SPACING_PX = 150, 4
 MATCHING = Matching(window_px=15, round_trip_px=0.4)
 
 
@@ -41,7 +41,7 @@ def _opinions(
     """Labels (T, H, W) by dense flow; by the motion of tracked points, on and around what the flow labels, those of the flow where too few
     points are known; and the pixels (T, H, W) where something hides the object."""
     images = [normalised(frame) for frame in frames]
-    start = seed_points(images[0], _object(first), spacing_px=4, most=TRACKS)
+    start = seed_points(images[0], _object(first), spacing_px=SPACING_PX, most=TRACKS)
     pixels, valid = track_pixels(images, start, seen, MATCHING)
     by_flow = np.repeat(first[None], len(frames), 0)
     by_tracks, hidden, odd = by_flow.copy(), np.zeros(by_flow.shape, bool), np.zeros(by_flow.shape, bool)
