@@ -171,7 +171,7 @@ def test_a_stem_much_thinner_than_its_leaf_belongs_to_the_body(clip: Clip) -> No
     middle, half = int(np.mean(rows)), len(columns) // 2
     labels[:, : middle - 1, columns[half] :] = labels[:, middle + 2 :, columns[half] :] = 0
     body = solid(replace(clip, labels=labels), bar_settings(scene__thickness_m=None))
-    assert 3 < 0.1 * len(rows)  # pixels
+    assert len(rows) > 30  # pixels, against the three of the stem
     length = np.flatnonzero(body.inside.any(1))
     assert len(length) * body.pitch_m == pytest.approx(0.235, abs=0.01)  # not half of it
 
