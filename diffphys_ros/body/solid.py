@@ -13,7 +13,7 @@ from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, smooth
 from .view import View
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
-THINNEST = 0.15  # of the largest half thickness: a thinner rim is left out, it carries no load
+THINNEST = 0.15  # of the half thickness where it does not recede: a thinner rim is left out, it carries no load; a thin strand does
 HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
 BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
@@ -41,7 +41,7 @@ def solid_of(view: View, scene: Scene) -> Solid:
     full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else local_half_width(inside) * view.raster.pitch_m
     receding = np.clip(view.front - smoothed(height, inside), 0, None)
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
-    inside &= half > THINNEST * half.max()
+    inside &= half > THINNEST * full
     return Solid(inside, np.where(inside, half, 0.0), view.front - float(full.max()), short * view.raster.pitch_m)
 
 

@@ -165,6 +165,17 @@ def test_without_thickness_the_width_of_the_silhouette_is_taken(clip: Clip) -> N
     assert "width" in body.sources["thickness"]
 
 
+def test_a_stem_much_thinner_than_its_leaf_belongs_to_the_body(clip: Clip) -> None:
+    labels = clip.labels.copy()
+    rows, columns = (np.flatnonzero((labels[0] > 0).any(axis)) for axis in (1, 0))
+    middle, half = int(np.mean(rows)), len(columns) // 2
+    labels[:, : middle - 1, columns[half] :] = labels[:, middle + 2 :, columns[half] :] = 0
+    body = solid(replace(clip, labels=labels), bar_settings(scene__thickness_m=None))
+    assert len(rows) > 30  # pixels, against the three of the stem
+    length = np.flatnonzero(body.inside.any(1))
+    assert len(length) * body.pitch_m == pytest.approx(0.235, abs=0.01)  # not half of it
+
+
 def test_without_a_clamp_the_body_starts_at_its_lower_edge(clip: Clip) -> None:
     body = solid(clip, bar_settings(scene__clamp_box_m=None, scene__gravity_m_s2=[0.0, 0.0, -9.81]))
     assert not body.clamped
