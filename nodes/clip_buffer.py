@@ -35,7 +35,7 @@ class ClipBuffer:
     """
 
     max_bytes: int = MAX_MIB.default * MIB
-    first_alone: bool = False  # whether the pixels of frame 0 are all that is wanted of the images
+    first_alone: bool = False  # whether the pixels of frame 0 are all that is wanted of images, depth and masks
     names: Mapping[str, str] = field(default_factory=dict)  # resolved names of the topics, for people
     info: Any = None
     images: dict[int, Any] = field(default_factory=dict)  # by stamp [ns]
@@ -211,10 +211,12 @@ class ClipBuffer:
         slots = self._slots() if self.fresh else ()
         if not slots or any(stamp not in self.fresh for stamp in slots):
             return
-        found = {stamp: self.fresh[stamp] for stamp in slots}
-        if not (self.masks.keys() == found.keys() and all(self.masks[s].data == m.data and self.masks[s].step == m.step for s, m in found.items())):
+        found, wanted = {stamp: self.fresh[stamp] for stamp in slots}, slots[: 1 if self.first_alone else None]
+        if not (self.masks.keys() == found.keys() and all(self.masks[s].data == found[s].data and self.masks[s].step == found[s].step for s in wanted)):
             self.mask_set += 1
         self._drop_masks({})
+        for stamp in slots[len(wanted) :]:
+            found[stamp].data = b""
         self.masks = found
         self.bytes += sum(len(m.data) for m in found.values())
 
@@ -237,7 +239,7 @@ class ClipBuffer:
 
     def _labels(self, clip: Clip) -> np.ndarray:
         labels, size = shared_zeros(clip.frames.shape[:3], np.uint8), clip.frames.shape[1:3]
-        for k, stamp in enumerate(sorted(self.masks)[: len(clip)]):
+        for k, stamp in enumerate(sorted(self.masks)[: 1 if self.first_alone else len(clip)]):
             own = labels_of(self.masks[stamp], self.name(MASK))
             if own.shape != size:
                 raise InputError(f"topic {self.name(MASK)}: a mask has {own.shape[1]}x{own.shape[0]} px, the frames have {size[1]}x{size[0]} px; publish masks of the frame's size")

@@ -113,6 +113,7 @@ def _search(space: Space, evaluate: Callable[[], Tensor], state: Descent, direct
         after = float(loss.detach())
         if math.isfinite(after) and after <= state.value + ARMIJO * share * downhill:
             return share * direction, loss
+        del loss  # with its history, which is as large as that of the next one
         share *= _shrink(state.value, after, share * downhill)
     return None
 

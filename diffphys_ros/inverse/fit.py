@@ -136,7 +136,10 @@ def _entered(model: Model, stage: Stage) -> Generator[Progress, None, Tensor]:
         return terms.total
     if terms.motion is not None and problem.objective.track_loss(terms.motion.x) < POOR:
         return terms.total
-    yield Progress(stage.name, text=f"the start misses the motion (loss {terms.value:.3g}): trying other moduli")
+    said = f"the start misses the motion (loss {terms.value:.3g}): trying other moduli"
+    del terms  # with the history of its motion, which no gradient is asked of
+    problem.forward.simulator.release()
+    yield Progress(stage.name, text=said)
     start = model.z.detach().numpy().copy()
     model.put(best_scale(problem, start, room=float(room(problem, start).min())))
     there = model().total

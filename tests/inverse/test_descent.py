@@ -1,5 +1,6 @@
 """Descent over tensors, on functions whose minimum is known."""
 
+import weakref
 from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 
@@ -150,3 +151,20 @@ def test_a_direction_that_leads_uphill_is_forgotten_and_then_ends_it() -> None:
     *_, last = begun(Space([z]), lambda: z.square().sum(), Rules(-np.eye(1), patience=None))
     assert last.finished
     assert float(z.detach()) == 1.0
+
+
+def test_a_step_that_is_not_taken_is_forgotten_before_the_next_one_is_tried():
+    """With its history, which is the largest thing that a fit holds."""
+    x, earlier, alive = torch.nn.Parameter(torch.tensor([1.0], dtype=torch.float64)), list[weakref.ref](), list[bool]()
+
+    def loss() -> torch.Tensor:
+        alive.append(any(ref() is not None for ref in earlier))
+        made = (x - 3.0).square().sum() + 1e4 * torch.relu(x - 1.001).sum()
+        earlier.append(weakref.ref(made))
+        return made
+
+    space = Space([x])
+    state = begin(space, loss())
+    next(descend(space, loss, state, LONG))
+    assert len(alive) > 2
+    assert not any(alive)

@@ -189,3 +189,16 @@ def test_a_clip_that_comes_while_the_last_one_is_labelled_is_next(make_node, mad
 def test_a_bound_out_of_range_ends_a_node_that_starts(make_node) -> None:
     with pytest.raises(InputError, match=r"max_mib is 0, must be in 1"):
         make_node(SegmentNode, max_mib=0)
+
+
+def test_where_frame_0_is_all_that_is_wanted_its_mask_alone_is_kept_and_counts(made_clip) -> None:
+    buffer = ClipBuffer(first_alone=True)
+    take(buffer, said_of(made_clip), 0)
+    assert buffer.missing(masks=True) == ""
+    assert buffer.bytes == made_clip.frames[0].nbytes + made_clip.labels[0].nbytes
+    assert np.array_equal(buffer.clip().labels[0], made_clip.labels[0])
+    for frame, sets in ((1, 1), (0, 2)):
+        labels = made_clip.labels.copy()
+        labels[frame, :4] = 1
+        take(buffer, [word for word in said_of(replace(made_clip, labels=labels)) if word[0] == MASK], 0)
+        assert buffer.mask_set == sets

@@ -87,14 +87,14 @@ def poll(node, done) -> None:
 
 
 class Gated(SplatNode):
-    """Its job waits, and says which labels it was given: of frame 0 and another, more it does not keep."""
+    """Its job waits, and says which labels it was given: of frame 0, more it does not keep."""
 
     def __init__(self) -> None:
         self.gate, self.begun, self.ended = threading.Event(), [], []
         super().__init__()
 
     def job(self):
-        labels = self.buffer.copy().clip().labels
+        labels = self.buffer.copy().clip().labels[0]
 
         def work():
             yield "begun"
@@ -125,7 +125,7 @@ def test_other_masks_end_the_work_on_the_old_ones_and_only_theirs_is_published(m
     poll(node, lambda: len(node.begun) == 2)
     node.finish()
     assert len(node.ended) == 1
-    np.testing.assert_array_equal(node.ended[0], other.labels[:2])
+    np.testing.assert_array_equal(node.ended[0], other.labels[0])
 
 
 def test_masks_that_come_again_as_they_were_begin_nothing(make_node, first) -> None:
@@ -144,7 +144,7 @@ def test_half_a_set_of_masks_of_a_killed_segmenter_is_not_mixed_with_the_next(ma
     for name, message in [*masks_of(other)[:7], *masks_of(first)]:
         node.take(name, message)
     node.finish()
-    np.testing.assert_array_equal(node.ended[0], first.labels[:2])
+    np.testing.assert_array_equal(node.ended[0], first.labels[0])
 
 
 class Fitting(FitNode):
