@@ -105,3 +105,17 @@ def test_too_short_a_swing_is_refused_by_its_periods(clip: Clip) -> None:
 
 def test_nothing_that_stands_still_is_labelled(clip: Clip) -> None:
     assert plain_labels(replace(clip, frames=np.repeat(clip.frames[:1], 8, 0), labels=None)) is None
+
+
+def test_edges_of_the_scenes_own_grey_are_seen_by_their_colour(clip: Clip, calm: Clip, tracks: Tracks) -> None:
+    strip, scene = np.array([200.0, 90.0, 60.0]), np.array([90.0, 126.0, 163.0])  # of one luma
+    assert abs((strip - scene) @ [0.299, 0.587, 0.114]) < 0.5
+    dark, bright = STRIP.grey
+    share = (calm.frames[..., :1].astype(float) - dark) / (bright - dark)
+    coloured = replace(calm, frames=np.rint(scene + share * (strip - scene)).astype(np.uint8))
+    found = follow_outline(coloured, np.where(calm.labels[0] > 0, 1.0, 0.0).astype(np.float32))
+    assert found.normals is not None
+    assert found.pixels.shape[1] > 0.8 * tracks.pixels.shape[1]
+    seen = ((found.pixels - found.pixels[:1]) * found.normals[None, :, :2]).sum(-1)
+    error = seen - sideways(clip, calm, found) * found.normals[:, 0]
+    assert np.sqrt((error**2).mean()) < 0.1
