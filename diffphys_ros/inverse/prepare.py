@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ..tracks import OnTripod
 
 
+UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
+
+
 def label(clip: Clip, settings: Settings) -> Clip:
     """The clip with label images; those it already carries are kept."""
     if clip.labels is not None:
@@ -128,6 +131,8 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     if held.clip is not clip:
         held = replace(held, clip=_evenly_exposed(held.clip))
         yield Progress("tracks", text=held.clip.notes[-1])
+    if by_outline:
+        held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN)))
     yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
     body = build_body(held.clip, depth0, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})

@@ -102,7 +102,7 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     axis stands in for it."""
     points = body.to_body(tracks.points)
     displacement = np.where(tracks.valid[..., None], points - points[:1], 0.0)
-    across = _along_normals(body, tracks.normals) if tracks.normals is not None else None if tracks.has_depth else _across(points[0], None if camera is None else body.to_body(camera.position))
+    across = seen_across(body, tracks, camera)
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     known = tracks.valid.mean(1) > LEAST_POINTS
@@ -116,8 +116,16 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     kept = calm[known].mean(0) > LEAST_SEEN
     shapes, _ = _regress(q, displacement[:, kept], calm[:, kept])
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
-    seen_across = None if across is None else across[kept]
-    return Motion(points[0, kept], q * size, shapes / size, seen_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+    kept_across = None if across is None else across[kept]
+    return Motion(points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+
+
+def seen_across(body: Body, tracks: Tracks, camera: Camera | None) -> np.ndarray | None:
+    """Projectors (M, 3, 3), body frame, onto what each track shows of its point's displacement: across the line of sight, or along the normal of an
+    outline; None where tracks with depth show all."""
+    if tracks.normals is not None:
+        return _along_normals(body, tracks.normals)
+    return None if tracks.has_depth else _across(body.to_body(tracks.points[0]), None if camera is None else body.to_body(camera.position))
 
 
 def _plausible(displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.inverse import Prepared
+from diffphys_ros.score import net_force, read_truth
 from tests.coarse import coarse_elements
 from tools.sample_maker.messages import clip_messages
 
@@ -40,3 +41,12 @@ def test_the_stiffness_of_a_painted_bar_is_read_off_its_outline(painted: Prepare
     assert painted.start.identified.all()
     assert abs(error[0]) < 0.06
     assert (np.abs(error) < 2 * painted.start.log10_young_sd).all()
+
+
+def test_its_force_is_not_lost_in_what_no_outline_shows(painted: Prepared) -> None:
+    true = net_force(read_truth(sample_folder("bar") / "truth.npz"))
+    found = painted.body.rotate_to_world(painted.start.force) * painted.body.volume_m3
+    true, found = true[: len(found)], found[: len(true)]
+    cosine = (true * found).sum() / np.linalg.norm(true) / np.linalg.norm(found)
+    assert cosine > 0.97
+    assert np.linalg.norm(found - true) < 0.25 * np.linalg.norm(true)
