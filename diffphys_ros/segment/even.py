@@ -8,11 +8,11 @@ from scipy.spatial import cKDTree
 
 from ..inpaint import nearest_known
 from ..types import IGNORE, object_mask
-from .regions import disc
+from .regions import disc, touching
 
 SHADES = 8  # colours that a plain part shows: its faces turn in the light
 SCENE = 24  # colours that are learnt of the scene
-REACH = 0.3  # of the object's extent about it, within which it moves and the scene is learnt
+REACH = 0.5  # of the object's extent about it, within which it moves and the scene is learnt
 SMOOTH_PX = 1.0  # of the frames, before colours are compared: noise
 OPEN_PX = 1  # specks that are no object
 SCENE_GREY = 10.0  # by which the scene may differ from frame 0 where it was seen there: colours (CIELAB) nearer to it are the scene
@@ -77,12 +77,7 @@ def _palette(colours: np.ndarray, count: int) -> np.ndarray:
 def _whole(inside: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The region (H, W) that holds most of where the object was in frame 0, without specks and holes."""
     opened = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_OPEN, disc(OPEN_PX))
-    count, regions = cv2.connectedComponents(opened, connectivity=4)
-    if count < 2:
-        return np.zeros_like(inside)
-    held = np.bincount(regions[mask], minlength=count)
-    held[0] = 0
-    found = (regions == int(held.argmax())).astype(np.uint8)
+    found = (touching(inside, mask) & (opened > 0)).astype(np.uint8)
     return cv2.morphologyEx(found, cv2.MORPH_CLOSE, disc(2 * OPEN_PX)) > 0
 
 

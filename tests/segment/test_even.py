@@ -19,10 +19,10 @@ MATCHING = Matching(window_px=15, round_trip_px=0.4)
 
 
 def truth(k: int) -> np.ndarray:
-    """Labels (H, W) of frame k: a stem and a leaf on it that has gone down."""
+    """Labels (H, W) of frame k: a stem and a leaf that goes down, past it."""
     labels = np.zeros((HEIGHT, WIDTH), np.uint8)
-    labels[40 + k // 2 : 50 + k // 2, 20:60] = 1
-    labels[30 + 2 * k : 60 + 2 * k, 60:110] = 2
+    labels[40 + k : 50 + k, 20:60] = 1
+    labels[10 + 4 * k : 40 + 4 * k, 60:110] = 2
     return labels
 
 
