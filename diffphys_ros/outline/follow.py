@@ -15,6 +15,7 @@ SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the err
 MOST_POINTS = 150
 LEAST_POINTS = 8  # as of tracks
 ALONG = 0.6  # least cosine between a normal and the direction of motion: what slides along itself shows nothing
+FEW = 0.2  # of the points on an edge that can be seen
 FROM_CORNER = 0.1  # of the object's extent: nearer points leave their normals round the corner when the object swings
 REACH = 0.5  # of the object's extent that an edge is looked for on either side, 40 px at the least
 LEAST_REACH_PX, MOST_REACH_PX = 12.0, 60.0
@@ -84,10 +85,13 @@ def _reach(mask: np.ndarray) -> float:
 
 
 def _chosen(outline: Outline, tint: np.ndarray | None, labels: np.ndarray) -> tuple[Outline, np.ndarray | None]:
-    """The points whose normals lie along the motion, away from corners, on an edge that can be seen."""
+    """The points whose normals lie along the motion, away from corners, on an edge that can be seen; whatever their normals where that leaves only a
+    few of an object that comes nearer or moves in several directions."""
     extent = _extent(object_mask(labels[0]))
     direction = _direction(labels)
-    kept = (np.abs(outline.normals @ direction) > ALONG) & (outline.to_corner_px > FROM_CORNER * extent) & (np.abs(outline.contrast) > LEAST_CONTRAST)
+    kept = (outline.to_corner_px > FROM_CORNER * extent) & (np.abs(outline.contrast) > LEAST_CONTRAST)
+    across = kept & (np.abs(outline.normals @ direction) > ALONG)
+    kept = across if across.sum() > FEW * kept.sum() else kept
     return Outline(*(each[kept] for each in vars(outline).values())), None if tint is None else tint[kept]
 
 
