@@ -37,6 +37,11 @@ def told_in_picture(clip: Clip, scene: Scene) -> Clip:
     return replace(clip, gravity=STANDARD_GRAVITY * clip.camera.world_from_camera[:3, :3] @ (down / np.linalg.norm(down)))
 
 
+def extent_px(mask: np.ndarray) -> float:
+    """Diagonal [px] of the smallest upright box about a mask (H, W) that is not empty."""
+    return float(np.linalg.norm([np.ptp(np.flatnonzero(mask.any(axis))) + 1.0 for axis in (0, 1)]))
+
+
 def length_at_unit_depth(camera: Camera, line_px: list[float]) -> float:
     """Distance of the two points u v u v [px] of a line on the plane at unit depth."""
     ends = camera.rays(np.reshape(line_px, (2, 2)).astype(float))

@@ -19,18 +19,21 @@ ROUGH_GREY = 4.0  # grey levels of it that half the surface has where it is text
 
 def plain(frames: np.ndarray, mask: np.ndarray, matching: Matching, *, spacing_px: int) -> bool:
     """Whether the object `mask` (H, W) of the first of frames (T, H, W, 3) is plain, shading and folds apart: half of its surface has hardly any
-    fine grey, or what it has is not found again."""
-    usual = 1.4826 * float(np.median(np.abs(_fine(frames[0], mask)))) if mask.any() else 0.0
+    fine grey, or what it has is not found again. Nothing at all is not plain."""
+    fine = _fine(frames[0], _depth(mask))
+    if not len(fine):
+        return False
+    usual = 1.4826 * float(np.median(np.abs(fine)))
     return usual < LEAST_GREY or (usual < ROUGH_GREY and not followed(frames, mask, matching, spacing_px=spacing_px))
 
 
 def followed(frames: np.ndarray, mask: np.ndarray, matching: Matching, *, spacing_px: int) -> bool:
     """Whether enough points inside the object `mask` (H, W) of the first of frames (T, H, W, 3) can be followed."""
-    fine = _fine(frames[0], mask)
+    depth = _depth(mask)
+    fine = _fine(frames[0], depth)
     if not len(fine) or fine.std() < LEAST_GREY:
         return False
     images = [normalised(frame) for frame in frames[::STRIDE][:TRIED]]
-    depth = _depth(mask)
     start = seed_points(images[0], depth > min(EDGE_PX, EDGE_SHARE * depth.max()), spacing_px=spacing_px, most=MOST_POINTS)
     _, valid = track_pixels(images, start, np.ones(len(images), bool), matching)
     held = valid.mean(0) >= LEAST_SHARE
@@ -42,7 +45,7 @@ def _depth(mask: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
-def _fine(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Grey levels (N,) finer than FINE_PX of the pixels well inside."""
-    grey, depth = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32), _depth(mask)
+def _fine(frame: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Grey levels (N,) finer than FINE_PX of the pixels well inside, which lie at `depth` (H, W) [px]."""
+    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
     return (grey - cv2.GaussianBlur(grey, (0, 0), FINE_PX))[depth > INNER_SHARE * depth.max()]

@@ -39,13 +39,6 @@ def shared_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     return array
 
 
-def shared(array: np.ndarray) -> np.ndarray:
-    """A copy in memory that can be shared."""
-    copy = shared_zeros(array.shape, array.dtype)
-    copy[...] = array
-    return copy
-
-
 def place_of(content: Any) -> Place | None:
     """Where a buffer lies; None where it is not in memory that is shared."""
     seen = np.frombuffer(content, np.uint8)

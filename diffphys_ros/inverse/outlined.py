@@ -15,7 +15,7 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
-from ..picture import length_at_unit_depth
+from ..picture import extent_px, length_at_unit_depth
 from ..progress import Progress
 from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mask
 
@@ -163,7 +163,7 @@ class _Trials:
         self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
         outline = rest_outline(clip)
         self.soft = covered(outline, self.mask.shape)
-        self.end_px = end_of(outline, self.line) if self.line is not None else _extent(self.mask)
+        self.end_px = end_of(outline, self.line) if self.line is not None else extent_px(self.mask)
         self.depth_told = settings.scene.thickness_m is not None
 
     def places(self) -> list[float]:
@@ -240,10 +240,6 @@ def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
 
 def _slope(places: list[float], found: list[Hung]) -> float:
     return float(np.polyfit(places, np.log10([one.young for one in found]), 1)[0])
-
-
-def _extent(mask: np.ndarray) -> float:
-    return float(np.linalg.norm([np.ptp(np.flatnonzero(mask.any(axis))) + 1.0 for axis in (0, 1)]))
 
 
 def with_hanging(start: StartValues, hanging: Hanging) -> StartValues:

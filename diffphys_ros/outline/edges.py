@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -26,6 +26,15 @@ class Outline:
     level: np.ndarray  # grey level half way between inside and outside, (P,)
     contrast: np.ndarray  # grey levels inside over those outside, (P,)
     to_corner_px: np.ndarray  # distance along the outline to the next corner, (P,)
+    tint: np.ndarray | None = None  # weights of red, green and blue that level and contrast are in, (P, 3); None: grey levels
+
+    def only(self, kept: np.ndarray) -> Outline:
+        """Some of its points, bool (P,)."""
+        return replace(self, **{name: values[kept] for name, values in vars(self).items() if values is not None})
+
+    def distances(self, frame: np.ndarray, reach_px: float) -> np.ndarray:
+        """As `distances`, of an RGB frame (H, W, 3) uint8."""
+        return distances(grey_of(frame) if self.tint is None else frame, self.pixels, self.normals, self.level, reach_px, self.contrast, self.tint)
 
 
 def grey_of(frame: np.ndarray) -> np.ndarray:
@@ -35,20 +44,30 @@ def grey_of(frame: np.ndarray) -> np.ndarray:
 
 def outline_of(grey: np.ndarray, mask: np.ndarray, spacing_px: float) -> Outline:
     """The outline of a mask (H, W) in a picture (H, W), float32; nothing of it lies at the picture's border. Empty where all does."""
-    found = [_refined(grey, run, round(spacing_px)) for run in _inner_runs(mask)]
-    if not found:
-        return Outline(*np.zeros((2, 0, 2)), *np.zeros((3, 0)))
-    return Outline(*(np.concatenate(each) for each in zip(*found, strict=True)))
+    return _joined([_refined(grey, run, round(spacing_px)) for run in _inner_runs(mask)])
 
 
-def along_border(mask: np.ndarray, spacing_px: float) -> Outline:
-    """As `outline_of`, by the mask alone: no picture refines it, levels are 0."""
+def coloured_outline(frame: np.ndarray, mask: np.ndarray, spacing_px: float) -> Outline:
+    """As `outline_of`, of an RGB frame (H, W, 3) uint8, read point by point in the colour that tells inside from outside best."""
     found = []
     for run in _inner_runs(mask):
-        chosen = np.arange(round(spacing_px) // 2, len(run), max(round(spacing_px), 1))
-        nought = np.zeros(len(chosen))
-        found.append((run[chosen], _outward(run)[chosen], nought, nought, _to_corner(run)[chosen]))
+        chosen, nought = _every(run, round(spacing_px)), np.zeros(len(run))
+        found.append(tuple(each[chosen] for each in (run, _outward(run), nought, nought, _to_corner(run))))
+    outline = _joined(found)
+    sides = _sides_by_channel(frame, outline)
+    outline = _leveled(replace(outline, tint=_tint(sides)), sides)
+    moved = np.nan_to_num(outline.distances(frame, REFINE_PX))
+    outline = replace(outline, pixels=outline.pixels + moved[:, None] * outline.normals)
+    return _leveled(outline, _sides_by_channel(frame, outline))
+
+
+def _joined(found: list[tuple[np.ndarray, ...]]) -> Outline:
     return Outline(*(np.concatenate(each) for each in zip(*found, strict=True))) if found else Outline(*np.zeros((2, 0, 2)), *np.zeros((3, 0)))
+
+
+def _every(run: np.ndarray, step: int) -> np.ndarray:
+    """Numbers of every `step`-th point of a run (n, 2)."""
+    return np.arange(step // 2, len(run), max(step, 1))
 
 
 def _inner_runs(mask: np.ndarray) -> list[np.ndarray]:
@@ -89,7 +108,7 @@ def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, 
     run = run + gaussian_filter1d(moved, SMOOTH_PX, mode="nearest")[:, None] * normal
     normal = _outward(run)
     level, contrast = _half_level(grey, run, normal)
-    chosen = np.arange(step // 2, len(run), max(step, 1))
+    chosen = _every(run, step)
     return run[chosen], normal[chosen], level[chosen], contrast[chosen], _to_corner(run)[chosen]
 
 
@@ -124,53 +143,55 @@ def _to_corner(run: np.ndarray) -> np.ndarray:
     return np.abs(np.arange(len(run))[:, None] - sharp).min(1).astype(float) if len(sharp) else np.full(len(run), float(len(run)))
 
 
-def tinted(frame: np.ndarray, outline: Outline) -> np.ndarray:
-    """Weights (P, 3) of red, green and blue under which inside and outside of points on an outline differ most, in an RGB frame (H, W, 3)."""
-    channels = [_sides(frame[..., c].astype(np.float32), outline.pixels, outline.normals) for c in range(3)]
-    difference = np.stack([inner - outer for inner, outer in channels], 1)
+def _sides_by_channel(frame: np.ndarray, outline: Outline) -> np.ndarray:
+    """Levels (2, P, 3) of red, green and blue inside and outside of an outline's points in an RGB frame; NaN outside the picture."""
+    return np.stack([_sides(frame[..., c].astype(np.float32), outline.pixels, outline.normals) for c in range(3)], -1)
+
+
+def _tint(sides: np.ndarray) -> np.ndarray:
+    """Weights (P, 3) of the channels under which the two sides (2, P, 3) of an outline differ most, much the same for neighbours."""
+    difference = sides[0] - sides[1]
     known = np.isfinite(difference).all(1)
     if len(known) > 1:
         difference = gaussian_filter1d(np.where(known[:, None], difference, 0.0), SMOOTH_PX, axis=0, mode="nearest")
     return difference / np.maximum(np.linalg.norm(difference, axis=1, keepdims=True), 1e-9)
 
 
-def tinted_levels(frame: np.ndarray, outline: Outline, tint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Level half way between inside and outside, and the inside's over the outside's, (P,) each, of an RGB frame under a tint (P, 3)."""
-    sides = np.stack([_sides(frame[..., c].astype(np.float32), outline.pixels, outline.normals) for c in range(3)], -1)  # (2, P, 3)
-    inner, outer = (sides * tint).sum(-1)
-    return (inner + outer) / 2, inner - outer
+def _leveled(outline: Outline, sides: np.ndarray) -> Outline:
+    """With level and contrast of its two sides (2, P, 3) under its tint."""
+    inner, outer = (sides * outline.tint).sum(-1)
+    return replace(outline, level=(inner + outer) / 2, contrast=inner - outer)
 
 
-def tinted_distances(frame: np.ndarray, outline: Outline, tint: np.ndarray, reach_px: float) -> np.ndarray:
-    """As `distances`, of an RGB frame under a tint (P, 3), for an outline whose levels are those under it."""
-    reach = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
-    seen = sum(tint[:, c, None] * profiles(frame[..., c].astype(np.float32), outline.pixels, outline.normals, reach) for c in range(3))
-    return _crossings((seen - outline.level[:, None]) * np.sign(outline.contrast)[:, None], reach)
-
-
-def profiles(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Grey levels (P, S) of a picture (H, W) along normals (P, 2) of pixels (P, 2), at distances (S,) [px]; NaN outside the picture."""
+def profiles(picture: np.ndarray, pixels: np.ndarray, normals: np.ndarray, reach: np.ndarray, tint: np.ndarray | None = None) -> np.ndarray:
+    """Levels (P, S) of a grey picture (H, W), or of one of three channels (H, W, 3) under a tint (P, 3), along normals (P, 2) of pixels (P, 2), at
+    distances (S,) [px]; NaN outside the picture."""
+    if tint is not None:
+        return np.sum([weight[:, None] * profiles(picture[..., c].astype(np.float32), pixels, normals, reach) for c, weight in enumerate(tint.T)], axis=0)
     at = pixels[:, None] + reach[:, None] * normals[:, None]
-    return map_coordinates(grey, [at[..., 1], at[..., 0]], order=1, mode="constant", cval=np.nan)
+    return map_coordinates(picture, [at[..., 1], at[..., 0]], order=1, mode="constant", cval=np.nan)
 
 
-def distances(grey: np.ndarray, pixels: np.ndarray, normals: np.ndarray, level: np.ndarray, reach_px: float, contrast: np.ndarray | None = None) -> np.ndarray:
+def distances(
+    picture: np.ndarray,
+    pixels: np.ndarray,
+    normals: np.ndarray,
+    level: np.ndarray,
+    reach_px: float,
+    contrast: np.ndarray | None = None,
+    tint: np.ndarray | None = None,
+) -> np.ndarray:
     """Signed distance (P,) [px] along its normal at which the picture leaves each point's inside: the crossing of its level nearest to the point;
     NaN where there is none within reach."""
     reach = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
-    above = profiles(grey, pixels, normals, reach) - level[:, None]
+    above = profiles(picture, pixels, normals, reach, tint) - level[:, None]
     if contrast is not None:
         above = above * np.sign(contrast)[:, None]
     elif np.nanmean(above[:, 0]) < np.nanmean(above[:, -1]):
         above = -above  # a dark object
-    return _crossings(above, reach)
-
-
-def _crossings(above: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Where along reach (S,) [px] values (P, S) pass from above 0 to below, nearest to 0, (P,); NaN where they do not."""
     leaves = (above[:, :-1] > 0) & (above[:, 1:] <= 0)
     place = np.where(leaves, np.abs(reach[:-1] + STEP_PX / 2), np.inf)
-    rows, k = np.arange(len(above)), place.argmin(1)
+    rows, k = np.arange(len(pixels)), place.argmin(1)
     a, b = above[rows, k], above[rows, k + 1]
     share = np.divide(a, a - b, out=np.zeros(len(a)), where=a != b)
     return np.where(np.isfinite(place[rows, k]), reach[k] + STEP_PX * share, np.nan)

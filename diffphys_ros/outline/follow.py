@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..errors import InputError
 from ..inpaint import nearest_known
+from ..picture import extent_px
 from ..types import Clip, Tracks, object_mask
-from .edges import REFINE_PX, Outline, along_border, distances, grey_of, outline_of, tinted, tinted_distances, tinted_levels
+from .edges import Outline, coloured_outline, grey_of, outline_of
 
 SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the errors of an edge
 MOST_POINTS = 150
@@ -33,9 +32,8 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     off the object. Raises InputError where too little of the outline is seen to move across itself."""
     assert clip.labels is not None
     mask = object_mask(clip.labels[0])
-    outline, tint = _outline(clip.frames[0], mask)
-    outline, tint = _chosen(outline, tint, clip.labels)
-    seen = measured(clip, outline, tint, _reach(mask))
+    outline = _chosen(_outline(clip.frames[0], mask), clip.labels)
+    seen = measured(clip, outline, _reach(mask))
     kept = np.isfinite(seen[0]) & (np.isfinite(seen[clip.seen]).mean(0) > LEAST_SHARE)
     if kept.any():
         spread = _spread(seen[:, kept])
@@ -48,51 +46,35 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     return _as_tracks(clip, outline, seen, kept, depth0)
 
 
-def _outline(frame: np.ndarray, mask: np.ndarray) -> tuple[Outline, np.ndarray | None]:
-    """The outline of a mask (H, W) in an RGB frame, and the tint (P, 3) under which it is seen best where grey levels leave much of it faint."""
+def _outline(frame: np.ndarray, mask: np.ndarray) -> Outline:
+    """The outline of a mask (H, W) in an RGB frame: of its grey levels, or of its colours where those leave much of it faint."""
     outline = outline_of(grey_of(frame), mask, _spacing(mask))
-    if not len(outline.pixels) or (np.abs(outline.contrast) < LEAST_CONTRAST).mean() <= MOST_FAINT:
-        return outline, None
-    outline = along_border(mask, _spacing(mask))
-    tint = tinted(frame, outline)
-    level, contrast = tinted_levels(frame, outline, tint)
-    outline = replace(outline, level=level, contrast=contrast)
-    moved = np.nan_to_num(tinted_distances(frame, outline, tint, REFINE_PX))
-    outline = replace(outline, pixels=outline.pixels + moved[:, None] * outline.normals)
-    level, contrast = tinted_levels(frame, outline, tint)
-    return replace(outline, level=level, contrast=contrast), tint
+    faint = np.abs(outline.contrast) < LEAST_CONTRAST
+    return coloured_outline(frame, mask, _spacing(mask)) if len(faint) and faint.mean() > MOST_FAINT else outline
 
 
-def measured(clip: Clip, outline: Outline, tint: np.ndarray | None, reach_px: float) -> np.ndarray:
+def measured(clip: Clip, outline: Outline, reach_px: float) -> np.ndarray:
     """Signed distances (T, P) [px] of the observed outline along the normals of these points; NaN where none is seen."""
-    if tint is None:
-        found = [distances(grey_of(frame), outline.pixels, outline.normals, outline.level, reach_px, outline.contrast) for frame in clip.frames]
-    else:
-        found = [tinted_distances(frame, outline, tint, reach_px) for frame in clip.frames]
+    found = [outline.distances(frame, reach_px) for frame in clip.frames]
     return np.where(clip.seen[:, None], np.array(found), np.nan)
 
 
-def _extent(mask: np.ndarray) -> float:
-    return float(np.linalg.norm([np.ptp(np.flatnonzero(mask.any(axis))) + 1.0 for axis in (0, 1)]))
-
-
 def _spacing(mask: np.ndarray) -> float:
-    return max(SPACING_PX, 3 * _extent(mask) / MOST_POINTS)
+    return max(SPACING_PX, 3 * extent_px(mask) / MOST_POINTS)
 
 
 def _reach(mask: np.ndarray) -> float:
-    return float(np.clip(REACH * _extent(mask), LEAST_REACH_PX, MOST_REACH_PX))
+    return float(np.clip(REACH * extent_px(mask), LEAST_REACH_PX, MOST_REACH_PX))
 
 
-def _chosen(outline: Outline, tint: np.ndarray | None, labels: np.ndarray) -> tuple[Outline, np.ndarray | None]:
+def _chosen(outline: Outline, labels: np.ndarray) -> Outline:
     """The points whose normals lie along the motion, away from corners, on an edge that can be seen; whatever their normals where that leaves only a
     few of an object that comes nearer or moves in several directions."""
-    extent = _extent(object_mask(labels[0]))
+    extent = extent_px(object_mask(labels[0]))
     direction = _direction(labels)
     kept = (outline.to_corner_px > FROM_CORNER * extent) & (np.abs(outline.contrast) > LEAST_CONTRAST)
     across = kept & (np.abs(outline.normals @ direction) > ALONG)
-    kept = across if across.sum() > FEW * kept.sum() else kept
-    return Outline(*(each[kept] for each in vars(outline).values())), None if tint is None else tint[kept]
+    return outline.only(across if across.sum() > FEW * kept.sum() else kept)
 
 
 def _direction(labels: np.ndarray) -> np.ndarray:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..inpaint import nearest_known
+from ..picture import extent_px
 from ..types import IGNORE, object_mask
 from .regions import disc, touching
 
@@ -19,43 +22,58 @@ SCENE_GREY = 10.0  # by which the scene may differ from frame 0 where it was see
 GROWTH = 0.35  # share of the object's area in frame 0 that another frame's may differ by: else colour does not tell it
 
 
-def labels_by_colour(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray | None:
-    """Label images (T, H, W) uint8 from that of frame 0 (H, W), of frames (T, H, W, 3) RGB before a scene that stays; those not received (`seen`
-    false) repeat the labels before them. None where the object has the scene's colours."""
-    mask = object_mask(first)
-    near = cv2.dilate(mask.astype(np.uint8), np.ones((2 * max(round(REACH * _extent(mask)), 3) + 1,) * 2, np.uint8)) > 0
-    begin = _lab(frames[0])
-    parts = [int(p) for p in np.unique(first[mask])]
-    inner = cv2.erode(mask.astype(np.uint8), disc(1)) > 0
-    colours = [_palette(begin[inner & (first == p)], SHADES) for p in parts]
-    scene = _palette(begin[near & ~mask & (first != IGNORE)], SCENE)
-    if min(map(len, [*colours, scene])) == 0:
-        return None
-    own = cKDTree(np.concatenate(colours))
-    owner, behind = np.repeat(parts, [len(c) for c in colours]), cKDTree(scene)
-    labels = np.repeat(first[None], len(frames), 0)
-    for k in range(1, len(frames)):
-        if not seen[k]:
-            labels[k] = labels[k - 1]
-            continue
-        shown = _lab(frames[k])
-        distance, index = own.query(shown[near])
-        apart = behind.query(shown[near])[0]
-        known = ~mask[near] & (first[near] != IGNORE)  # the scene itself was seen there
-        changed = np.linalg.norm(shown[near] - begin[near], axis=1)
-        inside = np.zeros(mask.shape, bool)
-        inside[near] = (distance < apart) & ~(known & (changed < np.minimum(SCENE_GREY, distance)))
-        part_of = np.zeros(mask.shape, first.dtype)
-        part_of[near] = owner[index]
+@dataclass(frozen=True)
+class Colours:
+    """What frame 0 tells of an object's colours and the scene's."""
+
+    first: np.ndarray  # labels of frame 0, (H, W)
+    near: np.ndarray  # where the object may come, bool (H, W)
+    shown: np.ndarray  # frame 0, CIELAB (H, W, 3)
+    own: cKDTree  # colours of the object
+    owner: np.ndarray  # their parts
+    scene: cKDTree  # colours of the scene near by
+
+    @classmethod
+    def of(cls, frame: np.ndarray, first: np.ndarray) -> Colours | None:
+        """Of an RGB frame (H, W, 3) and its labels (H, W); None where either side shows nothing."""
+        mask, shown = object_mask(first), _lab(frame)
+        side = 2 * max(round(REACH * extent_px(mask)), 3) + 1
+        near = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+        inner, parts = cv2.erode(mask.astype(np.uint8), disc(1)) > 0, np.unique(first[mask])
+        own = [_palette(shown[inner & (first == part)], SHADES) for part in parts]
+        scene = _palette(shown[near & ~mask & (first != IGNORE)], SCENE)
+        if min(map(len, [*own, scene])) == 0:
+            return None
+        return cls(first, near, shown, cKDTree(np.concatenate(own)), np.repeat(parts, [len(each) for each in own]), cKDTree(scene))
+
+    def labels(self, frame: np.ndarray) -> np.ndarray | None:
+        """Labels (H, W) of another frame; None where that leaves too much or too little of the object."""
+        mask, near, shown = object_mask(self.first), self.near, _lab(frame)
+        distance, index = self.own.query(shown[near])
+        known = ~mask[near] & (self.first[near] != IGNORE)  # the scene itself was seen there
+        changed = np.linalg.norm(shown[near] - self.shown[near], axis=1)
+        inside, part = np.zeros(mask.shape, bool), np.zeros(mask.shape, self.first.dtype)
+        inside[near] = (distance < self.scene.query(shown[near])[0]) & ~(known & (changed < np.minimum(SCENE_GREY, distance)))
+        part[near] = self.owner[index]
         inside = _whole(inside, mask)
         if abs(int(inside.sum()) - int(mask.sum())) > GROWTH * mask.sum():
             return None
-        labels[k] = np.where(inside, nearest_known(_settled(part_of, inside), inside), 0)
+        return np.where(inside, nearest_known(_settled(part, inside), inside), 0)
+
+
+def labels_by_colour(frames: np.ndarray, seen: np.ndarray, first: np.ndarray) -> np.ndarray | None:
+    """Label images (T, H, W) uint8 from that of frame 0 (H, W), of frames (T, H, W, 3) RGB before a scene that stays; those not received (`seen`
+    false) repeat the labels before them. None where the object has the scene's colours."""
+    colours = Colours.of(frames[0], first)
+    if colours is None:
+        return None
+    labels = np.repeat(first[None], len(frames), 0)
+    for k in range(1, len(frames)):
+        found = colours.labels(frames[k]) if seen[k] else labels[k - 1]
+        if found is None:
+            return None
+        labels[k] = found
     return labels
-
-
-def _extent(mask: np.ndarray) -> float:
-    return float(np.linalg.norm([np.ptp(np.flatnonzero(mask.any(axis))) + 1.0 for axis in (0, 1)]))
 
 
 def _lab(frame: np.ndarray) -> np.ndarray:

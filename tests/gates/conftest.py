@@ -20,6 +20,7 @@ from diffphys_ros.__main__ import main
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.bags.write import write_recording
 from diffphys_ros.msg_schemas import recording
+from diffphys_ros.progress import finished
 from diffphys_ros.score import net_force, read_truth
 from diffphys_ros.types import Clip, Recovery
 
@@ -105,13 +106,9 @@ def solved(clip: Path, out: Path, *words: str) -> tuple[Recovery, Clip, config.S
     known = config.leaves()
     flags = {name[2:]: config.parse_text(known[name[2:]], text) for name, text in zip(words[::2], words[1::2], strict=True)}
     settings, prepared = config.layered((), flags, base=result.stored_settings(clip)), result.load_prepared(clip)
-    steps = inverse.solve_prepared(prepared, settings)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            result.save(stop.value[2], prepared.clip, settings, out)
-            return stop.value[2], prepared.clip, settings
+    _, _, recovery = finished(inverse.solve_prepared(prepared, settings))
+    result.save(recovery, prepared.clip, settings, out)
+    return recovery, prepared.clip, settings
 
 
 def scored(folder: Path, truth: Path) -> Answer:

@@ -20,7 +20,7 @@ from diffphys_ros.nodes.clip_topics import clip_messages, mask_messages, slot_st
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.memory import give_back, held_mib, resident_mib_of
 from diffphys_ros.nodes.segment_node import SegmentNode
-from diffphys_ros.nodes.shared import place_of, shared
+from diffphys_ros.nodes.shared import place_of, shared_zeros
 from diffphys_ros.nodes.splat_node import SplatNode
 from diffphys_ros.types import Clip
 
@@ -90,7 +90,8 @@ def test_holes_between_small_pieces_go_back_while_the_work_goes_on():
 
 
 def test_what_is_shared_is_there_once_and_counts_once():
-    array = shared(np.ones(100 << 20, np.uint8))
+    array = shared_zeros((100 << 20,), np.uint8)
+    array[:] = 1
     give_back()
     before, mapped = held_mib(), of_self("Pss_Shmem")
     work = steps(summed, array)

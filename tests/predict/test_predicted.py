@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from diffphys_ros.errors import SimulationError
 from diffphys_ros.inverse import Prepared, run
 from diffphys_ros.predict import Figures, HeldOut, figures, held_out, predicted
 from diffphys_ros.predict import let_free as room
+from diffphys_ros.progress import finished
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.score import score_folder
 from diffphys_ros.types import Recovery, Splats
@@ -53,14 +53,6 @@ class Found:
         return folder
 
 
-def driven(steps: Generator[Any, None, Any]) -> Any:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
-
-
 @pytest.fixture(scope="module", autouse=True)
 def coarse() -> Iterator[None]:
     with coarse_elements():
@@ -70,8 +62,8 @@ def coarse() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def found(coarse: None, half_sample: Path) -> Found:
     source, settings = half_sample / "clip.mcap", config.layered([half_sample / "given.yaml"], FLAGS)
-    prepared, splats, recovery = driven(run(source, settings))
-    recovery = driven(predicted(source, prepared, splats, recovery, settings))
+    prepared, splats, recovery = finished(run(source, settings))
+    recovery = finished(predicted(source, prepared, splats, recovery, settings))
     return Found(source, settings, prepared, splats, recovery, held_out(source, prepared, settings))
 
 
@@ -116,7 +108,7 @@ def test_a_prediction_that_leaves_the_grid_is_a_note(found: Found, monkeypatch: 
     monkeypatch.setattr(room, "simulate_again", leave)
     monkeypatch.setattr(room, "held_out", lambda *_: found.held)
     bare = replace(found.recovery, metrics={})
-    after = driven(predicted(found.source, found.prepared, found.splats, bare, found.settings))
+    after = finished(predicted(found.source, found.prepared, found.splats, bare, found.settings))
     assert after.notes[-1] == "nothing was predicted: it left the grid"
     assert "prediction" not in after.metrics
 

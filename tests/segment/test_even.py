@@ -84,3 +84,7 @@ def test_a_clip_of_a_plain_object_is_labelled_by_its_colours(frames: np.ndarray)
     clip = Clip(frames, 0, 1 / 30, camera_from_fov(50.0, WIDTH, HEIGHT), first_labels=truth(0))
     labels = label_clip(clip, config.build({}))
     assert ((labels > 0) == np.stack([truth(k) > 0 for k in range(FRAMES)])).mean() > 0.99
+
+
+def test_a_mask_that_holds_nothing_is_not_plain(frames: np.ndarray) -> None:
+    assert not plain(frames, np.zeros((HEIGHT, WIDTH), bool), MATCHING, spacing_px=4)
