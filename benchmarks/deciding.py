@@ -1,4 +1,4 @@
-"""Numbers of the first engine that decide something, and an import that multiplies one of them.
+"""Numbers of the first engine, and of what finds plain objects, that decide something; and an import that multiplies one of them.
 
 The number is multiplied in the source of its module, before the module runs, so that copies of it (`from .free_tail import FREQUENCY_SD`), values made
 of it (`AXES` of `AXIAL_SHARE`) and default arguments follow. It lasts as long as the process.
@@ -33,18 +33,20 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     ),
     "vibration.forced_frames": (
         "COMMON_SHARE<=1 CURVED_SHARE<=1 FORCED_SIGMA LATE_SIGMA TAIL_RISE LEAST_EQUATIONS LEAST_TAIL_FRAMES LEAST_TAIL_PERIODS FAINT_SIGMA BRIDGE "
-        "HIGHEST<=1 GLITCH_ROWS VAGUEST LARGEST_GROWTH SURELY WORST_TAIL<=1"
+        "FASTEST<=0.5 GLITCH_ROWS VAGUEST LARGEST_GROWTH SURELY WORST_TAIL<=1"
     ),
     "vibration.continuity": "STRIDE STRANGE WITHOUT_REST MOVING",
     "start.evidence": "STILL",
     "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT",
-    "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD FASTEST<=0.5 DETUNED",
+    "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD DETUNED",
     "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1 MOST_EDGE",
     "start.uncertainty": "SILHOUETTE_PX",
     "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",
     "elements.mesh": "CELLS_ACROSS THINNEST<=1",
 }
+
+EYES = ("plainness", "segment", "outline")
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,21 @@ class Number:
         new = min(value * factor, max(self.most, value))
         return max(1, round(new)) if isinstance(value, int) else new
 
+    @property
+    def of_eyes(self) -> bool:
+        """Whether it acts before there are tracks, so that only a recording shows what it decides."""
+        return self.module.partition(".")[0] in EYES
+
     def comment(self) -> str:
-        """What the source says of it, on the line that sets it; empty where it says nothing. Raises LookupError where nothing sets it."""
+        """What the code says that it is; empty where it says nothing. Raises LookupError where nothing sets it."""
+        return self._said().partition(" [")[0]
+
+    def source(self) -> str:
+        """Where the code says that it comes from."""
+        return self._said().partition(" [")[2].removesuffix("]")
+
+    def _said(self) -> str:
+        """The comment on the line that sets it."""
         source = Path(importlib.import_module(self.full_module).__file__ or "").read_text()
         body, at = _place(ast.parse(source), self)
         line = body[at].end_lineno

@@ -1,4 +1,4 @@
-"""The first engine's answer to a prepared clip, with one number of the code multiplied: a process of its own, started by sensitivity.py.
+"""The first engine's answer to a clip, with one number of the code multiplied: a process of its own, started by sensitivity.py.
 
     python benchmarks/first_answer.py TOLD.pickle [MODULE NAME FACTOR]    # the answer as a line of JSON
 
@@ -18,13 +18,9 @@ import numpy as np
 
 
 def answer(told: dict[str, Any]) -> dict[str, Any]:
-    """What the start values and the doubts about clock and rest say of `told`: body, tracks, period_s [s], settings, camera, belief."""
-    from diffphys_ros.start import joint_values, joint_wanted, start_values
-
-    body, tracks, period_s, settings, camera, belief = (told[name] for name in ("body", "tracks", "period_s", "settings", "camera", "belief"))
-    start, modal = start_values(body, tracks, period_s, settings, camera=camera, belief=belief)
-    if joint_wanted(start, settings):
-        start = joint_values(body, tracks, period_s, settings, start, modal, camera=camera, believed=belief is not None)
+    """What the start values and the doubts about clock and rest say of `told`: body, tracks, period_s [s], settings, camera, belief; or of a
+    recording and settings, from which all of that is made first."""
+    start, modal, told = from_recording(told) if "recording" in told else (*from_tracks(told), told)
     return {
         "log10_young": np.log10(start.young).tolist(),
         "sd": start.log10_young_sd.tolist(),
@@ -35,6 +31,29 @@ def answer(told: dict[str, Any]) -> dict[str, Any]:
         "free_tail": start.has_free_tail,
         "doubts": doubts(told, start),
     }
+
+
+def from_tracks(told: dict[str, Any]) -> tuple[Any, Any]:
+    """Start values and modes of what was seen and told."""
+    from diffphys_ros.start import joint_values, joint_wanted, start_values
+
+    body, tracks, period_s, settings, camera, belief = (told[name] for name in ("body", "tracks", "period_s", "settings", "camera", "belief"))
+    start, modal = start_values(body, tracks, period_s, settings, camera=camera, belief=belief)
+    if joint_wanted(start, settings):
+        start = joint_values(body, tracks, period_s, settings, start, modal, camera=camera, believed=belief is not None)
+    return start, modal
+
+
+def from_recording(told: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:
+    """Start values, modes, and what they were made of."""
+    from diffphys_ros.bags.read import read_clip
+    from diffphys_ros.inverse import prepare
+    from diffphys_ros.progress import finished
+
+    settings = told["settings"]
+    made = finished(prepare(read_clip(told["recording"], settings, frames=settings.frames), settings))
+    seen = {"body": made.body, "tracks": made.tracks, "period_s": made.clip.period_s, "camera": made.clip.camera}
+    return made.start, made.modal, told | seen
 
 
 def net_force(start: Any, modal: Any) -> np.ndarray:

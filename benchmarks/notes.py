@@ -60,7 +60,7 @@ PICTURES = {f"{size} px, {count}": f"raster_{count}_{size}" for size in ("480x36
 CHANGED = ("halved", "doubled")
 SHOWN = 0.1  # of what counts is said as well
 DECIDING = {  # change of an answer: from where it counts, and its words
-    "young": (0.01, "log10 E by {:.3f}"), "flags": (1, "identified flips {:d} times"), "frames": (1, "{:d} forced frames"), "doubts": (1, "{:d} doubts"), "force": (0.05, "force by {:.0%}")
+    "young": (0.01, "log10 E by {:.3f}"), "sd": (0.1, "its sd by {:.0%}"), "flags": (1, "identified flips {:d} times"), "frames": (1, "{:d} forced frames"), "doubts": (1, "{:d} doubts"), "force": (0.05, "force by {:.0%}")
 }  # fmt: skip
 
 Lines = list[list[str]]
@@ -156,8 +156,9 @@ def effects(rows: Iterable[Row]) -> Lines:
     """Numbers halved and doubled, the strongest first: failures, flags of what is identified, stiffness, force (benchmarks/sensitivity.py)."""
     ordered = ranked(rows)
     clips = sorted(set().union(*map(clips_of, ordered)))
-    head = ["number", "value", "what it is", *CHANGED, f"decides in (of {', '.join(clips)})"]
-    return [head, *([f"`{r['name']}`", f"{r['value']:.3g}", r["what"].replace("|", "\\|"), *(effect(r, w) for w in CHANGED), ", ".join(decided(r)) or "-"] for r in ordered)]
+    head = ["number", "value", "what it is", "where it comes from", *CHANGED, f"decides in (of {', '.join(clips)})"]
+    said = ([str(r.get(word, "")).replace("|", "\\|") for word in ("what", "source")] for r in ordered)
+    return [head, *([f"`{r['name']}`", f"{r['value']:.3g}", *words, *(effect(r, w) for w in CHANGED), ", ".join(decided(r)) or "-"] for r, words in zip(ordered, said, strict=True))]
 
 
 def ranked(rows: Iterable[Row]) -> list[Row]:

@@ -1,10 +1,11 @@
 """Which of the first engine's numbers decide anything: each halved and doubled on prepared clips, one at a time.
 
     diffphys ingest CLIP --config given.yaml --out NAME.npz     # for each clip
-    python benchmarks/sensitivity.py NAME.npz... [--truth NAME=truth.npz] [--jobs N] [--only NUMBER...] [--record [--dirty]]
+    python benchmarks/sensitivity.py NAME.npz... FOLDER... [--truth NAME=truth.npz] [--jobs N] [--only NUMBER...] [--record [--dirty]]
 
 Stiffness and force are computed anew from a clip's tracks and body (benchmarks/first_answer.py), as is and with each number of LISTED
 (benchmarks/deciding.py) multiplied, in a process each, which needs 0.5 GB; one that crashes or takes longer than TIMEOUT_S is an outcome as well.
+Numbers that act before there are tracks are multiplied on folders of clip.mcap and given.yaml, whose masks and tracks are made anew each time.
 --record keeps the rows in benchmarks/results/sensitivity.json and writes the tables of docs/measurements/sensitivity.md.
 """
 
@@ -44,7 +45,9 @@ Asked = tuple[str, Number | None, float]  # clip, number, factor
 
 
 def told_of(path: Path) -> dict[str, Any]:
-    """What the first engine is told of a prepared clip. Raises InputError."""
+    """What the first engine is told of a prepared clip, or of a folder's recording. Raises InputError."""
+    if path.is_dir():
+        return {"recording": path / "clip.mcap", "settings": config.layered([path / "given.yaml"])}
     prepared, settings = result.load_prepared(path), config.layered(base=result.stored_settings(path))
     belief = None if prepared.prior is None else of_parts(prepared.prior, prepared.body, prepared.clip.camera)
     return {
@@ -74,14 +77,18 @@ def answered(told: Path, number: Number | None, factor: float, timeout_s: float 
 
 def change(before: Answer, after: Answer, truth: np.ndarray | None) -> dict[str, Any]:
     """What became of an answer: largest change of log10 E of a part that is identified in either, flags, forced frames and doubts that changed,
-    rms change of the net force over its rms, and with a truth (log10 E by part) the largest error of an identified part, before and after."""
+    rms change of the net force over its rms, change of the stated deviations, and with a truth (log10 E by part) the largest error of an identified
+    part, before and after."""
     if FAILED in after:
         return {FAILED: after[FAILED]}
     flags = [np.array(a["identified"]) for a in (before, after)]
-    moved = np.abs(np.subtract(after["log10_young"], before["log10_young"]))[flags[0] | flags[1]]
+    told = flags[0] | flags[1]
+    moved = np.abs(np.subtract(after["log10_young"], before["log10_young"]))[told]
+    wider = np.abs(np.log(np.divide(after["sd"], before["sd"])))[told]
     force = [np.array(a["net_force_n"]) for a in (before, after)]
     return {
         "young": round(float(moved.max(initial=0.0)), 4),
+        "sd": round(float(np.expm1(wider.max(initial=0.0))), 4),
         "flags": int((flags[0] != flags[1]).sum()),
         "frames": after["forced"] - before["forced"],
         "doubts": len(set(before["doubts"]) ^ set(after["doubts"])),
@@ -105,7 +112,8 @@ def measured(clips: dict[str, dict[str, Any]], chosen: Sequence[Number], truths:
             paths[name].write_bytes(pickle.dumps(told))
         base = _all(pool, paths, [(clip, None, 1.0) for clip in clips])
         before = {clip: _sound(clip, base[clip, None, 1.0], truths.get(clip)) for clip in clips}
-        asked = [(clip, n, factor) for n in chosen for factor in FACTORS.values() if _differs(n, factor) for clip in clips]
+        suited = {n: [clip for clip, told in clips.items() if ("recording" in told) == n.of_eyes] for n in chosen}
+        asked = [(clip, n, factor) for n in chosen for factor in FACTORS.values() if _differs(n, factor) for clip in suited[n]]
         after = _all(pool, paths, asked)
     return [
         _row(n, {word: {c: change(before[c], after[c, n, factor], truths.get(c)) for c in clips if (c, n, factor) in after} for word, factor in FACTORS.items()})
@@ -148,15 +156,17 @@ def _differs(number: Number, factor: float) -> bool:
 def _row(number: Number, found: dict[str, dict[str, Any]]) -> Row:
     value = number.value()
     values = {word: number.once(value, factor) for word, factor in FACTORS.items()}
-    return {"name": str(number), "value": value, "what": number.comment()} | {word: {"value": values[word], "clips": found[word]} for word in FACTORS}
+    return {"name": str(number), "value": value, "what": number.comment(), "source": number.source()} | {word: {"value": values[word], "clips": found[word]} for word in FACTORS}
 
 
 def record(rows: list[Row], *, dirty: bool) -> None:
-    """Keep the rows in place of older ones of the same numbers, without those of other clips or of numbers that are listed no more, and fill
-    the page."""
+    """Keep the rows in place of older ones of the same numbers, without those of numbers that are listed no more or that act where the new ones do and
+    were changed on other clips, and fill the page."""
     about = {"device": device_name("cpu"), "versions": versions(), "commit": this_commit(dirty=dirty)}
-    clips = set().union(*map(clips_of, rows))
-    known = {row["name"]: row for row in json.loads(ROWS.read_text()) if clips_of(row) == clips} if ROWS.exists() else {}
+    eyes = {str(n): n.of_eyes for n in numbers()}
+    clips = {kind: set().union(*(clips_of(row) for row in rows if eyes[row["name"]] == kind)) for kind in (False, True)}
+    older = [row for row in json.loads(ROWS.read_text()) if row["name"] in eyes] if ROWS.exists() else []
+    known = {row["name"]: row for row in older if clips[eyes[row["name"]]] in (set(), clips_of(row))}
     known |= {row["name"]: row | about for row in rows}
     ROWS.write_text(json.dumps([known[str(n)] for n in numbers() if str(n) in known], indent=1) + "\n")
     page = NOTES / "sensitivity.md"
@@ -185,7 +195,7 @@ def _truths(pairs: list[str], clips: Iterable[str]) -> dict[str, np.ndarray]:
 def main() -> int:
     """Measures, prints the table and keeps it where that is asked for; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("clips", nargs="+", type=Path, help="that diffphys ingest prepared; a clip is called as its file")
+    parser.add_argument("clips", nargs="+", type=Path, help="that diffphys ingest prepared, or folders of recordings; a clip is called as its file or folder")
     parser.add_argument("--truth", action="append", default=[], metavar="NAME=TRUTH", help="what is known of a clip")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes at once; all cores where left out")
     parser.add_argument("--only", nargs="+", default=[], metavar="NUMBER", help="those whose names hold a word")

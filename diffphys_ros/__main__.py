@@ -290,12 +290,14 @@ def _score(options: argparse.Namespace) -> int:
 
 
 def _settings(options: argparse.Namespace) -> int:
+    from .inverse.registered import registered
+
     last = ""
     for leaf in config.leaves().values():
         if leaf.heading != last:
             last = leaf.heading
             print(f"\n# {last}")
-        print(f"{leaf.name:32} {leaf.default!s:10} {leaf.unit:8} {leaf.range_text:24} {leaf.doc}")
+        print(f"{leaf.name:32} {leaf.default!s:10} {leaf.unit:8} {leaf.range_text or registered(leaf.name):24} {leaf.doc}")
     return 0
 
 

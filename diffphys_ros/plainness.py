@@ -7,14 +7,14 @@ import numpy as np
 
 from .matching import Matching, normalised, seed_points, track_pixels
 
-EDGE_PX, EDGE_SHARE = 7, 0.3  # from the object's border within which its edge passes for texture; of its half width, where it is narrow
-TRIED, STRIDE = 12, 2  # frames in which points are looked for, and from one to the next
-MOST_POINTS = 200
-LEAST_SHARE = 0.9  # of them in which a point must be found
-ENOUGH, ENOUGH_SHARE = 8, 0.25  # points that must be, as many as tracks need, and of those tried: chance finds some of a hundred on compressed film
-INNER_SHARE = 0.5  # of the half width: so far inside, grey levels are looked at
-FINE_PX, LEAST_GREY = 3.0, 1.5  # what is finer than this is texture, and its grey levels (root mean square): compressed film has .5 to .8 on a plain object
-ROUGH_GREY = 4.0  # grey levels of it that half the surface has where it is textured: noise of a camera has less
+EDGE_PX, EDGE_SHARE = 7, 0.3  # from the object's border within which its edge passes for texture; of its half width, where it is narrow [chosen]
+TRIED, STRIDE = 12, 2  # frames in which points are looked for, and from one to the next [numerical]
+MOST_POINTS = 200  # that are tried [numerical]
+LEAST_SHARE = 0.9  # of them in which a point must be found [chosen]
+ENOUGH, ENOUGH_SHARE = 8, 0.25  # points that must be, as many as tracks need, and of those tried: chance finds some of a hundred on compressed film [chosen]
+INNER_SHARE = 0.5  # of the half width: so far inside, grey levels are looked at [chosen]
+FINE_PX, LEAST_GREY = 3.0, 1.5  # what is finer than this is texture, and its grey levels (root mean square): compressed film has .5 to .8 on a plain object [chosen]
+ROUGH_GREY = 4.0  # grey levels of it that half the surface has where it is textured: noise of a camera has less [chosen]
 
 
 def plain(frames: np.ndarray, mask: np.ndarray, matching: Matching, *, spacing_px: int) -> bool:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from diffphys_ros import config
+from diffphys_ros.inverse.registered import registered
 from diffphys_ros.msg_schemas import TOPICS, Topic, clouds
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,7 +33,7 @@ def settings_table() -> str:
 
 def _settings_of(heading: str) -> str:
     leaves = (leaf for leaf in config.leaves().values() if leaf.heading == heading)
-    rows = ((f"`{leaf.name}`", f"`{_value(leaf.default)}`", leaf.unit, leaf.range_text, leaf.doc) for leaf in leaves)
+    rows = ((f"`{leaf.name}`", f"`{_value(leaf.default)}`", leaf.unit, leaf.range_text or registered(leaf.name), leaf.doc) for leaf in leaves)
     return _table(("name", "default", "unit", "range", "meaning"), rows)
 
 
@@ -84,7 +85,7 @@ def defaults() -> str:
         group, key = leaf.name.split(".")
         lines += [f"# {leaf.heading}"] if leaf.heading != heading else []
         lines += [f"{group}:"] if group != last else []
-        words = [leaf.doc + (f" [{leaf.unit}]" if leaf.unit else ""), *filter(None, [leaf.range_text])]
+        words = [leaf.doc + (f" [{leaf.unit}]" if leaf.unit else ""), *filter(None, [leaf.range_text or registered(leaf.name)])]
         lines.append(f"  {key}: {json.dumps(leaf.default) if leaf.kind is not str or leaf.default is None else leaf.default}  # {'; '.join(words)}")
         last, heading = group, leaf.heading
     return DEFAULTS_HEAD + "\n".join(lines) + "\n"

@@ -186,7 +186,7 @@ class Fit:
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
     hold: list[str] | None = setting(None, "unknowns that stay as they are told, assumed or begun with: young, damping, force, motion (of frame 0), density, poisson; density and poisson where not given; none: all are sought")
     prescribe: str | None = setting(None, "result of an earlier run (its folder): what fit.hold names of young, damping and force has its values", path=True)
-    law: str = setting("neo_hookean", "elastic law of the material: neo_hookean, fixed_corotated, linear_corotated or st_venant_kirchhoff")
+    law: str = setting("neo_hookean", "elastic law of the material")
     material_field: str = setting("part", "part: constants per part; residual: corrected from point to point by a triplane; triplane: a triplane alone, pretrained on them", choices=("part", "residual", "triplane"))
     force_field: str = setting("frame", "frame: one vector per frame under a footprint; on top of it modes: smooth shapes along the object, voxels: features per voxel and frame, planes: a triplane over x, y and time", choices=("frame", "modes", "voxels", "planes"))
     checkpoint_every_s: float = setting(60.0, "time between checkpoints on disk", unit="s", low=0.1, high=1e5)
@@ -231,7 +231,7 @@ class Experiment:
     track_window_px: int = setting(15, "side of the window that is matched", unit="px", low=5, high=63)
     track_round_trip_px: float = setting(0.4, "largest forward-backward error of a track", unit="px", low=0.01, high=10.0)
     mode_count: int = setting(8, "eigenmodes kept for the start values", low=1, high=40)
-    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions; paper: the published one, for config/paper.yaml", choices=("auto", "modes", "joint", "linear", "paper"))
+    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions; paper: the published one, for config/paper.yaml")
     force_frame: str = setting("rest", "where a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space; nodes: at the nodes of the simulator's grid, on which it acts (paper Eq. 9), with the schedule paper", choices=("rest", "current", "nodes"))
     field_iterations: int = setting(40, "iterations for fields that are more than constants per part and vectors per frame: of L-BFGS, with the schedule paper of Adam over the whole clip", low=1, high=100_000)
     material_nodes: int = setting(24, "nodes of the planes of a material field along the body's longest side (paper Eq. 8)", low=2, high=512)
@@ -260,6 +260,16 @@ class Experiment:
     prior_attempts: int = setting(3, "most requests to it, counting those that tell it what was wrong with its answer", low=1, high=10)
     prior_cache: str | None = setting(None, "folder of its earlier answers; ~/.cache/diffphys_ros/prior where not given", path=True)
     seed: int = setting(0, "seed of everything random", low=0, high=2**31 - 1)
+
+    @property
+    def simulates(self) -> bool:
+        """Whether material points answer; eigenmodes alone do otherwise."""
+        return self.schedule != "linear"
+
+    @property
+    def published(self) -> bool:
+        """Whether the published loss is lowered: fields alone, by pictures alone, with no claim about stiffness."""
+        return self.schedule == "paper"
 
 
 # who needs a group, in the words of the tables

@@ -20,10 +20,10 @@ from ..modes.model import ModalModel
 from ..types import Body
 from .mesh import SolidMesh, solid_mesh
 
-STIFFNESS_ORDER, MASS_ORDER = 2, 4  # polynomial degrees that the quadrature integrates exactly
-EIGEN_TOLERANCE = 1e-6
-KEPT = 1e-8  # smallest squared length, after normalisation, of a basis vector that is new
-RIGID_SHIFT = -1.0  # [1/s^2]; moves the rigid motions of a free body off zero
+STIFFNESS_ORDER, MASS_ORDER = 2, 4  # polynomial degrees that the quadrature integrates exactly [derived: quadratic elements with straight sides]
+EIGEN_TOLERANCE = 1e-6  # relative, of squared frequencies [numerical]
+KEPT = 1e-8  # smallest squared length, after normalisation, of a basis vector that is new [numerical]
+RIGID_SHIFT = -1.0  # [1/s^2]; moves the rigid motions of a free body off zero [numerical]
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from ..errors import InputError
 from ..types import Body
 from .outline import boundary_loops, interface_lines, smooth_loop
 
-TRIANGLE_VERTICES = 90  # aimed at in the plane; twice as many layers of nodes as LAYERS + 1 with quadratic elements
-CELLS_ACROSS = 3.0  # elements across the narrowest limb, at the least: two leave a frequency of a leaf on a stalk 1.2 % high, three 0.4 %
-MOST_VERTICES = 600  # in the plane
-LAYERS = 2  # elements through the thickness
-CLEARANCE = 0.62  # distance of inner points from lines, in element sizes
-THINNEST = 0.12  # smallest half thickness as a share of the largest: sharp rims make flat elements
-SMOOTHING_ROUNDS = 6
+TRIANGLE_VERTICES = 90  # aimed at in the plane; twice as many layers of nodes as LAYERS + 1 with quadratic elements [numerical]
+CELLS_ACROSS = 3.0  # elements across the narrowest limb, at the least: two leave a frequency of a leaf on a stalk 1.2 % high, three 0.4 % [docs/measurements/sensitivity.md]
+MOST_VERTICES = 600  # in the plane [numerical]
+LAYERS = 2  # elements through the thickness [tests/elements/test_assemble.py]
+CLEARANCE = 0.62  # distance of inner points from lines, in element sizes [numerical]
+THINNEST = 0.12  # smallest half thickness as a share of the largest: sharp rims make flat elements [chosen]
+SMOOTHING_ROUNDS = 6  # of the inner points, towards their neighbours [numerical]
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-CORNER_COSINE = np.cos(np.radians(40.0))  # sharper turns over an arm are corners, gentler ones curves
-ARM_SHARE = 0.4  # arm of the corner test as a share of the spacing
-SMOOTH_SHARE = 0.2  # standard deviation of the smoothing as a share of the spacing
+CORNER_COSINE = np.cos(np.radians(40.0))  # sharper turns over an arm are corners, gentler ones curves [chosen]
+ARM_SHARE = 0.4  # arm of the corner test as a share of the spacing [chosen]
+SMOOTH_SHARE = 0.2  # standard deviation of the smoothing as a share of the spacing [chosen]
 
 
 def boundary_loops(inside: np.ndarray) -> list[np.ndarray]:

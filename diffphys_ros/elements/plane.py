@@ -22,11 +22,11 @@ from ..types import Body
 from .band import Band, solved
 from .mesh import element_size, triangulate
 
-COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 %
-MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length
-LEAST_ENERGY = 1e-16  # over E: less is no strain
-MOST_HALVINGS = 8  # of a step that would turn an element inside out
-SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 %
+COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 % [tests/elements/test_plane.py]
+MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length [numerical]
+LEAST_ENERGY = 1e-16  # over E: less is no strain [numerical]
+MOST_HALVINGS = 8  # of a step that would turn an element inside out [numerical]
+SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 % [Chung and Hulbert 1993]
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
 EDGES = ((0, 1), (1, 2), (2, 0))
 PAIRS = ((0, 0), (1, 1), (0, 1))  # of axes, for a symmetric tensor

@@ -43,7 +43,7 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
             terms = fitted.model()
     linear = _linear(fitted)
     simulated = None if terms is None or terms.motion is None or not fitted.simulated else _candidate(problem, simulated_answer(problem.forward, terms))
-    published = problem.settings.experiment.schedule == "paper"  # whose motion is always that of the material points
+    published = problem.settings.experiment.published  # whose motion is always that of the material points
     best = linear if simulated is None or (linear.misfit < simulated.misfit and not published) else simulated
     metrics = {
         "refined": best is simulated,
@@ -104,7 +104,7 @@ def _why_not(fitted: Fitted, clock: Clock) -> str:
 def _confidence(problem: Problem, answer: Candidate) -> Confidence:
     explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.disc.expected_log10_error, problem.hessian)
     found = of_answer(problem.prepared, problem.layout, explained, simulated=answer.core.refined)
-    return unidentified(found) if problem.settings.experiment.schedule == "paper" else found
+    return unidentified(found) if problem.settings.experiment.published else found
 
 
 def verdict(recovery: Recovery) -> str:

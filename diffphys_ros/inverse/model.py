@@ -50,7 +50,7 @@ class Model:
         sizes = {name: place.stop - place.start for name, place in problem.layout.slices.items()}
         self.blocks = {name: torch.nn.Parameter(torch.zeros(size, dtype=torch.float64)) for name, size in sizes.items()}
         self.engine, self.evidence = problem.engines["mpm"], tuple(problem.objective.evidence)
-        self.published = problem.settings.experiment.schedule == "paper"
+        self.published = problem.settings.experiment.published
         self.material: MaterialField | None = None
         self.force: ForceField | None = None
         self.put(problem.layout.start if z is None else z)

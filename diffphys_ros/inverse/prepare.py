@@ -17,6 +17,7 @@ from .law import law_to_fit
 from .material_prior import believed, of_parts, parted
 from .outlined import outlined, with_hanging
 from .prepared import LEAST_FRAMES, Prepared
+from .stages import require_schedule
 from .swing import swing_of
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
 
     check_clip(clip)
     law_to_fit(settings)
+    require_schedule(settings)
     clip = placed(clip, settings)
     seen = yield from outlined(clip, settings)
     if seen is None:
@@ -168,8 +170,3 @@ def describe_swing(swing: Swing | None) -> str:
     gives = f"; its modulus falls by {swing.softens:.2f} of its strain, without that and the air's drag {100 * swing.constant_error_share:.1f} %" if swing.softens or swing.drag_per_m else ""
     missed = f"misses the picture by {swing.tip_error_px:.1f} px: {100 * swing.tip_error_share:.1f} %"
     return f"let go as in frame 0, the free end swings by {swing.tip_motion_px:.1f} px (rms) and {missed}{gives}"
-
-
-def scaled_start(start: StartValues, factor: float) -> StartValues:
-    """Start values with Young's modulus multiplied by a factor; all else as it was."""
-    return start if factor == 1.0 else replace(start, young=start.young * factor)

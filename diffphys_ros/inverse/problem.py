@@ -27,7 +27,6 @@ from .linear import footprint_load
 from .linear_model import UNKNOWN_TO_MODES
 from .loss import Objective
 from .observed import TrackTarget, acceleration_scale, displacement_scale, liveliest_acceleration
-from .prepare import scaled_start
 from .prepared import Prepared
 from .prior import Prior
 from .resolution import Plan, make_plan
@@ -92,7 +91,7 @@ def problem_on(
     start = scaled_start(with_wider_support(prepared.start), start_scale / disc.apparent)
     initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
-    held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if settings.experiment.schedule == "linear" else frozenset())
+    held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if not settings.experiment.simulates else frozenset())
     layout = Layout.of(start, body, force_unit=force_unit * _concentration(prepared), initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)
     target = TrackTarget.of(prepared.tracks, body, clip.camera, dtype=dtype, device=device)
     planes = floor_planes(body, disc.particles, settings.scene, prepared.clip.camera, dx=plan.dx)
@@ -111,7 +110,7 @@ def problem_on(
 def _nodal(settings: Settings) -> bool:
     """Whether forces act on the grid's nodes. Raises InputError where the schedule begins with forces that act on particles."""
     experiment = settings.experiment
-    if experiment.force_frame == "nodes" and experiment.schedule != "paper":
+    if experiment.force_frame == "nodes" and not experiment.published:
         raise InputError(f"experiment.force_frame is nodes with experiment.schedule {experiment.schedule}; choose the schedule paper, or rest or current")
     return experiment.force_frame == "nodes"
 
@@ -119,7 +118,7 @@ def _nodal(settings: Settings) -> bool:
 def _field_unit(prepared: Prepared, settings: Settings, force_unit: float) -> float:
     """Of a force field [N/m^3]. Where fields alone move the body from rest it must do the worst: bring it in a frame to where the liveliest one has
     it, and hold it bent as far as is seen, for which a stiff body that moves slowly needs far more than its accelerations say."""
-    if settings.experiment.schedule != "paper":
+    if not settings.experiment.published:
         return force_unit
     tracks, density = prepared.tracks, float(prepared.body.density.mean())
     bent = (2 * np.pi * float(prepared.start.frequencies_hz[0])) ** 2 * displacement_scale(tracks)
@@ -150,6 +149,11 @@ def with_wider_support(start: StartValues) -> StartValues:
     if start.track_cost <= MISSING**2 or not start.forced.any():
         return start
     return replace(start, forced=binary_dilation(start.forced, iterations=MARGIN))
+
+
+def scaled_start(start: StartValues, factor: float) -> StartValues:
+    """Start values with Young's modulus multiplied by a factor; all else as it was."""
+    return start if factor == 1.0 else replace(start, young=start.young * factor)
 
 
 def _dense(body: Body, splats: Splats | None) -> DensePoints:

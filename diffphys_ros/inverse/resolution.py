@@ -97,7 +97,7 @@ def make_plan(
     """
     grids = _grids(body, settings, reach_m, dense)
     plans = [_plan_on(grid, body, young, frames, period_s, settings, device, ahead) for grid in grids]
-    if settings.experiment.schedule == "linear":
+    if not settings.experiment.simulates:
         return _without_simulation(min(plans, key=lambda p: p.substeps), body, "experiment.schedule is linear")
     possible = [p for p in plans if not _forbidden(p, young, settings, device)]
     if not possible:

@@ -34,9 +34,9 @@ def solve(
     checkpoint.bind(prepared.clip, settings, begun=start_scale)
     settings = suited(prepared, settings)
     prepared = prescribed(prepared, settings)
-    if settings.experiment.schedule == "paper":
+    if settings.experiment.published:
         prepared = as_published(prepared, settings.fit.hold)
-    zones = None if settings.experiment.schedule == "paper" else (yield from zones_of(prepared, settings))
+    zones = None if settings.experiment.published else (yield from zones_of(prepared, settings))
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(usable(settings.fit.device))
     problem = pose_problem(divided(prepared, zones), splats, settings, start_scale=start_scale)

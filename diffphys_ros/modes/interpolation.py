@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-CANDIDATES = 32  # nearest elements that are searched for the one that holds a point
+CANDIDATES = 32  # nearest elements that are searched for the one that holds a point [numerical]
 GAUSS = np.full((4, 4), 0.1381966011250105) + 0.4472135954999580 * np.eye(4)  # barycentric coordinates of the 4-point rule, exact for quadratics
 
 

@@ -15,9 +15,9 @@ from ..linear_systems import solved
 from . import interpolation
 from .response import SLOWEST, Step, convolve
 
-LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left)
-EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal
-DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s]
+LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left) [numerical]
+EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal [numerical]
+DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s] [numerical]
 
 Weight = Callable[[np.ndarray], np.ndarray]
 

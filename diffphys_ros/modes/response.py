@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SLOWEST = 1e-3  # [rad/s]; rigid motion is integrated as an oscillation this slow
+SLOWEST = 1e-3  # [rad/s]; rigid motion is integrated as an oscillation this slow [numerical]
 
 
 @dataclass(frozen=True)

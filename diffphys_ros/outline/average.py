@@ -7,11 +7,11 @@ import numpy as np
 from ..types import Clip, object_mask
 from .edges import Outline, distances, grey_of, outline_of
 
-NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside
-REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them
-STEP_PX = 2  # between points
-FINER = 8  # rows a pixel in which the covered share is measured
-END_SHARE = 0.1  # of the object's length: the end face lies in it
+NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside [chosen]
+REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them [chosen]
+STEP_PX = 2  # between points [numerical]
+FINER = 8  # rows a pixel in which the covered share is measured [numerical]
+END_SHARE = 0.1  # of the object's length: the end face lies in it [chosen]
 
 
 def rest_outline(clip: Clip) -> np.ndarray:

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-SMOOTH_PX = 3.0  # standard deviation along the outline over which staircases of the mask and bumps of the edge are evened out
-PLATEAU_PX = (4.0, 7.0)  # from the edge, on either side, where inside and outside are read: blur with an sd of 2 px has ended
-TURN_PX = 6.0  # the same for its direction, which wiggles more
-STEP_PX = 0.5  # between samples of a profile
-REFINE_PX = 6.0  # from the mask's border that its edge is looked for
-BORDER_PX = 3.0  # from the picture's border that no point may lie within
-CORNER_ARM_PX, CORNER_COSINE = 8.0, np.cos(np.radians(35.0))  # arm over which an outline turns, and the turn that makes a corner
+SMOOTH_PX = 3.0  # standard deviation along the outline over which staircases of the mask and bumps of the edge are evened out [chosen]
+PLATEAU_PX = (4.0, 7.0)  # from the edge, on either side, where inside and outside are read: blur with an sd of 2 px has ended [chosen]
+TURN_PX = 6.0  # the same for its direction, which wiggles more [chosen]
+STEP_PX = 0.5  # between samples of a profile [numerical]
+REFINE_PX = 6.0  # from the mask's border that its edge is looked for [chosen]
+BORDER_PX = 3.0  # from the picture's border that no point may lie within [chosen]
+CORNER_ARM_PX, CORNER_COSINE = 8.0, np.cos(np.radians(35.0))  # arm over which an outline turns, and the turn that makes a corner [chosen]
 
 
 @dataclass(frozen=True)

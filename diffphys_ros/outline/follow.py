@@ -10,21 +10,21 @@ from ..picture import extent_px
 from ..types import Clip, Tracks, object_mask
 from .edges import Outline, coloured_outline, grey_of, outline_of
 
-SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the errors of an edge
-MOST_POINTS = 150
-LEAST_POINTS = 8  # as of tracks
-ALONG = 0.6  # least cosine between a normal and the direction of motion: what slides along itself shows nothing
-FEW = 0.2  # of the points on an edge that can be seen
-FROM_CORNER = 0.1  # of the object's extent: nearer points leave their normals round the corner when the object swings
-REACH = 0.5  # of the object's extent that an edge is looked for on either side, 40 px at the least
-LEAST_REACH_PX, MOST_REACH_PX = 12.0, 60.0
-LEAST_SHARE = 0.5  # of the received frames in which a point must be seen
-LEAST_CONTRAST = 8.0  # grey levels between inside and outside
-MOST_FAINT = 0.2  # share of an outline that may have less, before colours are looked at
-SMOOTH_MOTIONS = 3  # principal motions of an outline; what they leave is noise
-LEAST_SD_PX = 0.05
-WORST = 4.0  # times the usual spread beyond which a point's edge is none
-GROSS = 5.0  # standard deviations from the smooth motion beyond which an edge is another one
+SPACING_PX = 6.0  # of points along the outline; neighbours nearer share the errors of an edge [chosen]
+MOST_POINTS = 150  # along a third of the outline [numerical]
+LEAST_POINTS = 8  # as of tracks [chosen]
+ALONG = 0.6  # least cosine between a normal and the direction of motion: what slides along itself shows nothing [chosen]
+FEW = 0.2  # of the points on an edge that can be seen [chosen]
+FROM_CORNER = 0.1  # of the object's extent: nearer points leave their normals round the corner when the object swings [chosen]
+REACH = 0.5  # of the object's extent that an edge is looked for on either side [chosen]
+LEAST_REACH_PX, MOST_REACH_PX = 12.0, 60.0  # bounds of that [chosen]
+LEAST_SHARE = 0.5  # of the received frames in which a point must be seen [chosen]
+LEAST_CONTRAST = 8.0  # grey levels between inside and outside [chosen]
+MOST_FAINT = 0.2  # share of an outline that may have less, before colours are looked at [chosen]
+SMOOTH_MOTIONS = 3  # principal motions of an outline; what they leave is noise [chosen]
+LEAST_SD_PX = 0.05  # of a point's edge: what sampling a blurred edge leaves [chosen]
+WORST = 4.0  # times the usual spread beyond which a point's edge is none [chosen]
+GROSS = 5.0  # standard deviations from the smooth motion beyond which an edge is another one [chosen]
 
 
 def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:

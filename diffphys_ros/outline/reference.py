@@ -11,10 +11,10 @@ import numpy as np
 
 from ..errors import InputError
 
-CALM = 0.04  # motion of the object's centroid over its extent: a tip then swings by .1, and the frequency of a strip is .4 % low at the most
-LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 3.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still
-PADDING = 8  # of the spectrum
-LEAST_MOTION = 0.002  # of the extent, root mean square: less is no swing
+CALM = 0.04  # motion of the object's centroid over its extent: a tip then swings by .1, and the frequency of a strip is .4 % low at the most [chosen]
+LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 3.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still [chosen]
+PADDING = 8  # of the spectrum [numerical]
+LEAST_MOTION = 0.002  # of the extent, root mean square: less is no swing [chosen]
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from ..picture import extent_px
 from ..types import IGNORE, object_mask
 from .regions import disc, touching
 
-SHADES = 8  # colours that a plain part shows: its faces turn in the light
-SCENE = 24  # colours that are learnt of the scene
-REACH = 0.5  # of the object's extent about it, within which it moves and the scene is learnt
-SMOOTH_PX = 1.0  # of the frames, before colours are compared: noise
-OPEN_PX = 1  # specks that are no object
-SCENE_GREY = 10.0  # by which the scene may differ from frame 0 where it was seen there: colours (CIELAB) nearer to it are the scene
-GROWTH = 0.35  # share of the object's area in frame 0 that another frame's may differ by: else colour does not tell it
+SHADES = 8  # colours that a plain part shows: its faces turn in the light [chosen]
+SCENE = 24  # colours that are learnt of the scene [chosen]
+REACH = 0.5  # of the object's extent about it, within which it moves and the scene is learnt [chosen]
+SMOOTH_PX = 1.0  # of the frames, before colours are compared: noise [chosen]
+OPEN_PX = 1  # specks that are no object [chosen]
+SCENE_GREY = 10.0  # by which the scene may differ from frame 0 where it was seen there: colours (CIELAB) nearer to it are the scene [chosen]
+GROWTH = 0.35  # share of the object's area in frame 0 that another frame's may differ by: else colour does not tell it [chosen]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..types import Clip
 
-SAMPLED = 48  # frames in which what moves is looked for
-SWEPT = (5, 95)  # percentiles over them whose distance tells how much a pixel changes
-LEAST_CHANGE = 12.0  # grey levels that a pixel must change by to be swept over: noise of dim 8-bit film spreads by 5
-AROUND_PX = 9  # that the swept region is widened by: the object's still root is asked as well
-SPECK_PX = 3  # side of the window in which single pixels are no object
-LEAST_PX = 50  # of an object, as everywhere
-ALIKE = 0.5  # share of its usual area that an object may gain or lose in a frame
+SAMPLED = 48  # frames in which what moves is looked for [numerical]
+SWEPT = (5, 95)  # percentiles over them whose distance tells how much a pixel changes [chosen]
+LEAST_CHANGE = 12.0  # grey levels that a pixel must change by to be swept over: noise of dim 8-bit film spreads by 5 [chosen]
+AROUND_PX = 9  # that the swept region is widened by: the object's still root is asked as well [chosen]
+SPECK_PX = 3  # side of the window in which single pixels are no object [chosen]
+LEAST_PX = 50  # of an object, as everywhere [chosen]
+ALIKE = 0.5  # share of its usual area that an object may gain or lose in a frame [chosen]
 
 
 def grey_of(frames: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 from ..config import Scene
 from ..types import Body
 
-DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk
+DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is given: neighbours differ by factors, as foam on rubber, fruit on a stalk [chosen]
 
-OTHERWISE = 2.0  # standard deviations
+OTHERWISE = 2.0  # standard deviations [numerical]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from .free_tail import DETUNED, MODEL_ERROR, Tail
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
 
-NARROW_MODES = 6  # per further point of the basis
-STILL = 4.0  # motion over noise below which nothing can be said
+NARROW_MODES = 6  # per further point of the basis [numerical]
+STILL = 4.0  # motion over noise below which nothing can be said [chosen]
 
 
 class Belief(Protocol):

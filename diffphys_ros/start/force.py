@@ -17,25 +17,25 @@ from ..modes.response import Step
 from ..vibration.coordinates import Projection
 from .free_tail import Physics, physical, prior_residual
 
-FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen
-FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit
-AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule
-UNSEEN_SHARE = 0.1  # of both in a direction that no picture shows: what tracks say of it is their noise
+FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
+FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
+AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule [chosen]
+UNSEEN_SHARE = 0.1  # of both in a direction that no picture shows: what tracks say of it is their noise [tests/gates/test_plain.py]
 AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # how much more a force costs along the body than across it
-INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest
-GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's
-GAUSSIAN_DROP = 3.0  # and by as many sigma^2 a frame: under a uniform force what linear modes miss looks like a push at the outer end, by up
-# to 1.4 a frame in 11 clips with a known truth
-EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak
-MOST_EDGE = 3  # frames that may join at an end
-REFINEMENTS = 8  # steps of the fit to all frames
-CENTRES = (6, 3)  # of the search over footprints, along and across the body
-WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length
-NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, same unit: half of the least that is tried; hardly to be told from uniform
-PROMISING = 0.5  # of the drop of cost that a footprint needs: with less at its best start the search is not begun
-FIRST_MOVES = (0.06, 0.06, 0.25)  # of the search: centre, over the body's length, and log width; less than the starts lie apart
-FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends, of the length and of the cost
-SINGULAR = 1e-12  # added to the normal equations, whose diagonal the priors keep at 0.1 or more: what nothing tells stays zero
+INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest [chosen]
+GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's [chosen]
+# under a uniform force what linear modes miss looks like a push at the outer end, by up to 1.4 a frame in 11 clips with a known truth
+GAUSSIAN_DROP = 3.0  # sigma^2 a frame by which the cost must fall as well: twice that [chosen]
+EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak [chosen]
+MOST_EDGE = 3  # frames that may join at an end [chosen]
+REFINEMENTS = 8  # steps of the fit to all frames [numerical]
+CENTRES = (6, 3)  # of the search over footprints, along and across the body [numerical]
+WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length [numerical]
+NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, same unit: half of the least that is tried; hardly to be told from uniform [derived]
+PROMISING = 0.5  # of the drop of cost that a footprint needs: with less at its best start the search is not begun [numerical]
+FIRST_MOVES = (0.06, 0.06, 0.25)  # of the search: centre, over the body's length, and log width; less than the starts lie apart [numerical]
+FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends, of the length and of the cost [numerical]
+SINGULAR = 1e-12  # added to the normal equations, whose diagonal the priors keep at 0.1 or more: what nothing tells stays zero [numerical]
 
 
 Believed = Callable[[np.ndarray], np.ndarray]

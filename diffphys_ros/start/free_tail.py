@@ -15,20 +15,20 @@ from scipy.optimize import least_squares
 from ..damping import Damping
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
+from ..vibration.forced_frames import FASTEST
 from .densities import Densities
 
-MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it
-FREQUENCY_SD = 0.01  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode
-RATIO_SD = 0.5 * np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts (natural logarithm)
-MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate
-MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1
-FASTEST = 0.45  # of the frame rate: modes beyond are not resolved by the frames
-START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)
-WIDEST = np.log(1e3)  # of E about the start of a search
-UNLIKELY = 5.0  # standard deviations beyond which no density is looked for
-MATCHES = 8
-SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings
-DETUNED = 4  # leading modes whose frequencies may be off on their own
+MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it [chosen]
+FREQUENCY_SD = 0.01  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode [chosen]
+RATIO_SD = 0.5 * np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts (natural logarithm) [chosen]
+MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate [chosen]
+MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [1/s], [s] [chosen]
+START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)  # of E between parts, at which searches begin [numerical]
+WIDEST = np.log(1e3)  # of E about the start of a search [numerical]
+UNLIKELY = 5.0  # standard deviations beyond which no density is looked for [numerical]
+MATCHES = 8  # rounds of scaling E to the frequency seen [numerical]
+SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings [numerical]
+DETUNED = 4  # leading modes whose frequencies may be off on their own [chosen]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from scipy.optimize import least_squares
 from .free_tail import RATIO_SD, Physics, Tail
 from .uncertainty import excess_of
 
-SURE = 1.645  # standard deviations: one-sided, 95 %
-STIFFER = (0.25, 0.75, 1.5)  # log10 of what a part may be stiffer by than fitted: the best misfit may lie there
-STEPS = (0.1, 0.2, 0.4, 0.8, 1.6)  # log10 of what it may be softer by; a part without a bound there has none
-HALVINGS = 3  # of the last step
-MOST_EVALUATIONS = 30  # of a search from the neighbouring value's end
+SURE = 1.645  # standard deviations: one-sided, 95 % [derived: the normal distribution]
+STIFFER = (0.25, 0.75, 1.5)  # log10 of what a part may be stiffer by than fitted: the best misfit may lie there [numerical]
+STEPS = (0.1, 0.2, 0.4, 0.8, 1.6)  # log10 of what it may be softer by; a part without a bound there has none [numerical]
+HALVINGS = 3  # of the last step [numerical]
+MOST_EVALUATIONS = 30  # of a search from the neighbouring value's end [numerical]
 
 
 def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, wanted: np.ndarray) -> np.ndarray:

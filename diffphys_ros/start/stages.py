@@ -21,20 +21,20 @@ from .free_tail import Physics, Tail
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
 
-UNIT_YOUNG = 1e5  # [Pa]; any would do for a linear solid without weight
-WIDE_RATIOS, NARROW_RATIOS = (0.1, 0.35, 3.0), (0.7, 1.4)  # between parts, at which the Ritz basis is exact
-RIGID = 1e-9  # squared frequencies below this share of the largest are rigid motions
-BASES = 3  # most times that the basis is moved to the fit
-SETTLED = 0.1  # change of log E and log density that needs no new basis
-STIFFENINGS = 20  # doublings, at most, of a modulus that buckles
-PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess
-SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept
-ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen
-MISSED = 5.0  # times what a frame of the tail may miss, from which on a force is looked for inside it
-LATER, TAILS = 2, 8  # frames by which the tail is begun later, at the least, and how often
-EXPLAINED = 0.5  # of what was missed: at most so much is left where a later tail is free of a force that the first was not
-NEAR_BEST = 1.5  # times the least missed: the longest tail that misses no more is taken
-ACTIVE = 0.15  # share of the largest force above which a frame counts as forced
+UNIT_YOUNG = 1e5  # [Pa]; any would do for a linear solid without weight [numerical]
+WIDE_RATIOS, NARROW_RATIOS = (0.1, 0.35, 3.0), (0.7, 1.4)  # between parts, at which the Ritz basis is exact [numerical]
+RIGID = 1e-9  # squared frequencies below this share of the largest are rigid motions [numerical]
+BASES = 3  # most times that the basis is moved to the fit [numerical]
+SETTLED = 0.1  # change of log E and log density that needs no new basis [numerical]
+STIFFENINGS = 20  # doublings, at most, of a modulus that buckles [numerical]
+PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess [chosen]
+SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept [chosen]
+ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen [numerical]
+MISSED = 5.0  # times what a frame of the tail may miss, from which on a force is looked for inside it [chosen]
+LATER, TAILS = 2, 8  # frames by which the tail is begun later, at the least, and how often [numerical]
+EXPLAINED = 0.5  # of what was missed: at most so much is left where a later tail is free of a force that the first was not [chosen]
+NEAR_BEST = 1.5  # times the least missed: the longest tail that misses no more is taken [chosen]
+ACTIVE = 0.15  # share of the largest force above which a frame counts as forced [chosen]
 
 
 @dataclass(frozen=True)

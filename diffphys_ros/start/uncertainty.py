@@ -14,8 +14,8 @@ from ..linear_systems import inverted
 from ..types import Body, Tracks
 from .free_tail import FREQUENCY_SD, Physics, Tail, prior_residual
 
-SILHOUETTE_PX = 0.25  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval
-OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa
+SILHOUETTE_PX = 0.25  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
+OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
 
 def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:

@@ -23,15 +23,15 @@ from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
 
-ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm
-MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing
-WIDEST_SD = 0.2  # of log10 E that still counts as identified
-GUESS_SD = 0.5  # of log10 E of a guess
-STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit
-AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer
-FINER = 0.6  # sides of elements for an outline, over the usual: its one frequency is known to .1 %, and the usual ones have it .4 % high
-NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived
-LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least
+ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
+MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing [chosen]
+WIDEST_SD = 0.2  # of log10 E that still counts as identified [chosen]
+GUESS_SD = 0.5  # of log10 E of a guess [chosen]
+STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
+AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer [chosen]
+FINER = 0.6  # sides of elements for an outline, over the usual: its one frequency is known to .1 %, and the usual ones have it .4 % high [chosen]
+NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived [chosen]
+LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least [derived]
 
 
 def start_values(

@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import dijkstra
 from ..inpaint import nearest_known
 from ..types import Body
 
-MOST_STEPS = 12  # from the clamp to the farthest end; a limb that branches has its own zones in each branch
-SLENDER = 0.5  # least length of a step over the limbs' width or thickness, whichever is less: shorter ones do not bend on their own
-LEAST_SHARE = 0.3  # of a step's mean area that a zone of its own must have
+MOST_STEPS = 12  # from the clamp to the farthest end; a limb that branches has its own zones in each branch [numerical]
+SLENDER = 0.5  # least length of a step over the limbs' width or thickness, whichever is less: shorter ones do not bend on their own [chosen]
+LEAST_SHARE = 0.3  # of a step's mean area that a zone of its own must have [chosen]
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # to half of a raster cell's neighbours
 
 

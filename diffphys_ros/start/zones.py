@@ -35,15 +35,15 @@ from .zone_layout import Division
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
 
-LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part: the search begins
-# where a gradual change and a jump hardly differ, and ends at the last
-CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all
-GRADUAL = 0.5  # standard deviation of the difference of log E between neighbours where stiffness changes all along
-SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins
-DENSITY_SD = 0.15  # of ln(density) of a zone within a part when no density was given
-FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone
-MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans
-ROUNDS, STEPS = 4, 6  # most times that the basis moves to the fit at the last scale; most steps of a search between
+# the search begins where a gradual change and a jump hardly differ, and ends at the last
+LEVELS = (0.4, 0.2, 0.1)  # scales of the Cauchy prior on differences of log E between neighbours in one part [chosen]
+CONTRAST_SD = 0.75 * np.log(10.0)  # of log E of a zone about the mean of all [chosen]
+GRADUAL = 0.5  # standard deviation of the difference of log E between neighbours where stiffness changes all along [chosen]
+SLOPES = (1.0, 0.1, 0.3, 3.0)  # E at the farthest end over that at the clamp, at which the search begins [numerical]
+DENSITY_SD = 0.15  # of ln(density) of a zone within a part when no density was given [chosen]
+FARTHEST = np.log(8.0)  # of a search between two bases: the modes of a basis hold near it alone [numerical]
+MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
+ROUNDS, STEPS = 4, 6  # most times that the basis moves to the fit at the last scale; most steps of a search between [numerical]
 
 
 @dataclass(frozen=True)

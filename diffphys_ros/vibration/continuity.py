@@ -12,12 +12,12 @@ import numpy as np
 
 from .forced_frames import LEAST_TAIL_FRAMES, Rows, start_of_tail
 
-STRIDE, SMOOTH, ALONE, SURE = 0.9, 2.5, 2.5, 10.0  # a gap over the longest step beside it, over third differences there, over all other gaps, over noise
-STRANGE, QUIET_AROUND, ALONE_STRANGE = 8.0, 0.35, 1.5  # what no push explains over the usual misfit, the equations around over it, and it over all others
-BESIDE = 3  # frames around a gap whose gaps it spoils
-WITHOUT_REST = 0.3  # distance of the shape that a body swings about from that of frame 0, over its motion; large swings shift it as well
-LEAST_PERIODS = 1.5  # of free motion that tell of that shape
-MOVING, MOVING_SURE = 0.55, 10.0  # first step over the second, and over the noise: a force that sets in with frame 0 makes it a third, or half
+STRIDE, SMOOTH, ALONE, SURE = 0.9, 2.5, 2.5, 10.0  # a gap over the longest step beside it, over third differences there, over all other gaps, over noise [chosen]
+STRANGE, QUIET_AROUND, ALONE_STRANGE = 8.0, 0.35, 1.5  # what no push explains over the usual misfit, the equations around over it, and it over all others [chosen]
+BESIDE = 3  # frames around a gap whose gaps it spoils [derived: a parabola through three frames]
+WITHOUT_REST = 0.3  # distance of the shape that a body swings about from that of frame 0, over its motion; large swings shift it as well [chosen]
+LEAST_PERIODS = 1.5  # of free motion that tell of that shape [chosen]
+MOVING, MOVING_SURE = 0.55, 10.0  # first step over the second, and over the noise: a force that sets in with frame 0 makes it a third, or half [chosen]
 
 
 def jump_after(q: np.ndarray, known: np.ndarray, *, at_rest: bool, noise_m: float, common_m: float) -> int | None:

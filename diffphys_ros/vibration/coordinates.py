@@ -11,21 +11,20 @@ from scipy.spatial import cKDTree
 from ..modes.model import ModalModel
 from ..types import Body, Camera, Tracks
 
-LEAST_POINTS = 0.05  # of the tracks that must hold in a frame for it to count as seen
-CANDIDATES = 6  # principal coordinates that are looked at
-MOST_COORDINATES = 3  # that are kept
-LEAST_SEEN = 0.4  # of the frames in which a track must hold
-LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have
-OVER_NOISE = 1.5  # times the common noise that it must have as well
-NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order
-STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates
-ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each
-NEIGHBOURS = 5  # that stand in for a point that was lost in a frame
-USUAL, FARTHEST, NOISY = 95, 3.0, 10.0  # percentile of a frame's displacements; beyond so many times that, and so many times the noise, they
-# are no part of the body
-WILD = 6.0  # misfits of single track positions beyond this many times the median are left out
-SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart
-COHERENT_SHARE = 0.5  # of the track noise that is common to all points
+LEAST_POINTS = 0.05  # of the tracks that must hold in a frame for it to count as seen [chosen]
+CANDIDATES = 6  # principal coordinates that are looked at [chosen]
+MOST_COORDINATES = 3  # that are kept [chosen]
+LEAST_SEEN = 0.4  # of the frames in which a track must hold [chosen]
+LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have [chosen]
+OVER_NOISE = 1.5  # times the common noise that it must have as well [chosen]
+NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order [chosen]
+STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates [chosen]
+ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each [chosen]
+NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [chosen]
+USUAL, FARTHEST, NOISY = 95, 3.0, 10.0  # percentile of a frame's displacements; times that and times the noise, beyond which they are not the body's [chosen]
+WILD = 6.0  # misfits of single track positions beyond this many times the median are left out [chosen]
+SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart [chosen]
+COHERENT_SHARE = 0.5  # of the track noise that is common to all points [chosen: a tenth in docs/measurements/front_end.md]
 
 
 @dataclass(frozen=True)

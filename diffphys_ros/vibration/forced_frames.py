@@ -10,24 +10,24 @@ from itertools import pairwise
 
 import numpy as np
 
-COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the least
-CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little
-SECOND_NOISE = 6.0  # variance of a second difference over that of a frame: 1 + 4 + 1
-FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force
-LATE_SIGMA, LATE = 6.0, 4  # the same well inside the tail, where only a strong misfit counts: from so many equations after its start
-ROBUST_ROUNDS = 6  # at which equations are those of a force is asked anew
-RIDGE = 1e-5  # of the largest coordinate: decides for coordinates that hardly move
-TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail
-LEAST_EQUATIONS = 2.0  # scalar equations per unknown of the recursion, at the least
-LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS = 8, 0.7  # that a free tail lasts; periods are those of its leading oscillation
-FAINT_SIGMA = 2.0  # misfit down to which a run of forced frames is followed to its ends
-BRIDGE = 4  # free frames between forced ones that are taken as a zero crossing of the force
-HIGHEST = 0.9  # of the Nyquist frequency: faster oscillations of the recursion are noise
-GLITCH_ROWS = 3  # equations that one wrong frame spoils
-VAGUEST = 0.15  # standard deviation of log10 E, twice that of the log frequency, from which a tail tells no stiffness
-LARGEST_GROWTH, SURELY = 0.25, 3.0  # of the log amplitude over a free tail; and standard deviations of it
-TINY = 1e-30  # keeps the root of a singular covariance real
-WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail
+COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the least [chosen]
+CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little [chosen]
+SECOND_NOISE = 6.0  # variance of a second difference over that of a frame: 1 + 4 + 1 [derived]
+FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force [chosen]
+LATE_SIGMA, LATE = 6.0, 4  # the same well inside the tail, where only a strong misfit counts: from so many equations after its start [chosen]
+ROBUST_ROUNDS = 6  # at which equations are those of a force is asked anew [numerical]
+RIDGE = 1e-5  # of the largest coordinate: decides for coordinates that hardly move [numerical]
+TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail [chosen]
+LEAST_EQUATIONS = 2.0  # scalar equations per unknown of the recursion, at the least [chosen]
+LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS = 8, 0.7  # that a free tail lasts; periods are those of its leading oscillation [chosen]
+FAINT_SIGMA = 2.0  # misfit down to which a run of forced frames is followed to its ends [chosen]
+BRIDGE = 4  # free frames between forced ones that are taken as a zero crossing of the force [chosen]
+FASTEST = 0.45  # of the frame rate: faster oscillations are not resolved by the frames [derived: a tenth below half of it]
+GLITCH_ROWS = 3  # equations that one wrong frame spoils [derived]
+VAGUEST = 0.15  # standard deviation of log10 E, twice that of the log frequency, from which a tail tells no stiffness [chosen]
+LARGEST_GROWTH, SURELY = 0.25, 3.0  # of the log amplitude over a free tail; and standard deviations of it [chosen]
+TINY = 1e-30  # keeps the root of a singular covariance real [numerical]
+WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail [chosen]
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def _oscillation(matrix: np.ndarray, tail: np.ndarray, period_s: float) -> tuple
     companion = np.block([[matrix[:n].T, matrix[n : 2 * n].T], [np.eye(n), np.zeros((n, n))]])
     values, vectors = np.linalg.eig(companion)
     rate = np.log(values.astype(complex) + 1e-300) / period_s
-    swing = np.flatnonzero((rate.imag > 1e-6) & (rate.imag * period_s < HIGHEST * np.pi))
+    swing = np.flatnonzero((rate.imag > 1e-6) & (rate.imag * period_s < 2 * np.pi * FASTEST))
     if not len(swing) or len(tail) < 3:
         return np.zeros(0), np.zeros(0)
     state = np.column_stack([tail[1:], tail[:-1]])

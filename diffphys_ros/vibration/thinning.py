@@ -11,8 +11,8 @@ import numpy as np
 
 from .forced_frames import Support, find_support
 
-FRAMES_A_PERIOD = 12.0  # that are left: a recursion over neighbouring frames then turns by 30 degrees a step
-PADDING = 8  # of the spectrum
+FRAMES_A_PERIOD = 12.0  # that are left: a recursion over neighbouring frames then turns by 30 degrees a step [chosen]
+PADDING = 8  # of the spectrum [numerical]
 
 
 def find_slow_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *, at_rest: bool, noise_m: float) -> Support:

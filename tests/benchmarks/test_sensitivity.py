@@ -56,6 +56,7 @@ def test_each_number_of_the_list_exists_is_explained_and_differs_from_its_half_o
         assert type(value) in (int, float, np.float64), number
         assert any(number.once(value, factor) != value for factor in (0.5, 2.0)), number
         assert number.comment(), f"{number}: say beside it what it is"
+        assert number.source(), f"{number}: say beside it where it comes from"
 
 
 def test_a_multiplied_number_reaches_copies_values_made_of_it_and_default_arguments() -> None:
@@ -95,16 +96,17 @@ def test_whole_numbers_are_rounded_and_shares_end_at_their_bound(deciding: Modul
 
 
 def answer(**changed: object) -> dict[str, object]:
-    plain = {"log10_young": [5.0, 4.0], "identified": [True, False], "forced": 9, "net_force_n": [[0.0, 2.0, 0.0], [0.0, 0.0, 0.0]], "doubts": []}
+    plain = {"log10_young": [5.0, 4.0], "sd": [0.1, 0.4], "identified": [True, False], "forced": 9, "net_force_n": [[0.0, 2.0, 0.0], [0.0, 0.0, 0.0]], "doubts": []}
     return plain | changed
 
 
 def test_a_change_counts_parts_that_are_identified_before_or_after(sensitivity: ModuleType) -> None:
-    none = {"young": 0.0, "flags": 0, "frames": 0, "doubts": 0, "force": 0.0}
+    none = {"young": 0.0, "sd": 0.0, "flags": 0, "frames": 0, "doubts": 0, "force": 0.0}
     assert sensitivity.change(answer(), answer(log10_young=[5.0, 7.0]), None) == none
     moved = sensitivity.change(answer(), answer(log10_young=[5.1, 7.0], identified=[True, True], forced=7, doubts=["jump"]), np.array([5.0, 6.0]))
-    assert moved == {"young": 3.0, "flags": 1, "frames": -2, "doubts": 1, "force": 0.0, "error": [0.0, 1.0]}
+    assert moved == {"young": 3.0, "sd": 0.0, "flags": 1, "frames": -2, "doubts": 1, "force": 0.0, "error": [0.0, 1.0]}
     assert sensitivity.change(answer(), answer(net_force_n=[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), None)["force"] == 0.5
+    assert sensitivity.change(answer(), answer(sd=[0.05, 0.4]), None)["sd"] == 1.0  # half as wide is as far off as twice
 
 
 def test_a_process_that_fails_or_hangs_is_an_outcome(sensitivity: ModuleType, tmp_path: Path) -> None:
@@ -119,10 +121,10 @@ def test_a_process_that_fails_or_hangs_is_an_outcome(sensitivity: ModuleType, tm
 def test_the_strongest_number_stands_first_and_one_without_effect_decides_in_no_clip(sensitivity: ModuleType) -> None:
     def row(name: str, **changed: object) -> dict[str, object]:
         halved = {"young": 0.0, "flags": 0, "frames": 0, "doubts": 0, "force": 0.0} | changed
-        return {"name": name, "value": 1.0, "what": "", "halved": {"value": 0.5, "clips": {"clip": halved}}, "doubled": {"value": 1.0, "clips": {}}}
+        return {"name": name, "value": 1.0, "what": "", "source": "", "halved": {"value": 0.5, "clips": {"clip": halved}}, "doubled": {"value": 1.0, "clips": {}}}
 
     rows = [row("m.calm"), row("m.moves", young=0.2), row("m.flips", flags=1), {**row("m.ends"), "halved": {"value": 0.5, "clips": {"clip": {"failed": "E"}}}}]
     _, *lines = sensitivity.effects(rows)
     assert [line[0] for line in lines] == ["`m.ends`", "`m.flips`", "`m.moves`", "`m.calm`"]
     assert [line[-1] for line in lines] == ["clip", "clip", "clip", "-"]
-    assert lines[-1][3:5] == ["nothing", "stays as it is"]
+    assert lines[-1][4:6] == ["nothing", "stays as it is"]

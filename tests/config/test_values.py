@@ -49,7 +49,7 @@ def test_every_setting_has_a_doc_and_numbers_with_dimension_name_their_unit():
         ("scene.thickness_axis", [0, 0.0, 0], "must have a direction; give a world axis"),
         ("scene.clamp_box_m", [1e308] * 6, "must be in -1e+06 .. 1e+06 m"),
         ("experiment.seed", 1.5, "must be a whole number"),
-        ("experiment.schedule", "magic", "must be one of auto, modes, joint"),
+        ("experiment.force_frame", "magic", "must be one of rest, current, nodes"),
         ("experiment.seed", None, "must not be null"),
     ],
 )

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from diffphys_ros.config import build, leaves
+from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse.law import law_to_fit
 from diffphys_ros.inverse.prepare import prepare
@@ -13,9 +13,8 @@ from diffphys_ros.simulate.laws import LAWS
 ELASTIC = [name for name, law in LAWS.items() if law.elastic]
 
 
-def test_every_elastic_law_can_be_fitted_and_the_setting_names_them():
+def test_every_elastic_law_can_be_fitted():
     assert [law_to_fit(build({"fit.law": name})) for name in ELASTIC] == ELASTIC
-    assert all(name in leaves()["fit.law"].doc for name in ELASTIC)
     assert law_to_fit(build({})) == "neo_hookean"
 
 

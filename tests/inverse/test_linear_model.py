@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from diffphys_ros.config import build, flat, leaves
+from diffphys_ros.config import build, flat
 from diffphys_ros.damping import Damping
 from diffphys_ros.inverse import Checkpoint, solve
 from diffphys_ros.inverse.engines import engines
 from diffphys_ros.inverse.linear import linear_coordinates
 from diffphys_ros.inverse.problem import Problem, pose_problem
-from diffphys_ros.inverse.stages import SCHEDULES
 
 from .conftest import YOUNG, make_prepared
 from .test_solve import drive
@@ -122,7 +121,3 @@ def test_the_linear_schedule_goes_on_from_its_checkpoint_to_the_same_answer(prep
         np.testing.assert_array_equal(again.young, whole.young)
         np.testing.assert_array_equal(again.trajectory, whole.trajectory)
         assert again.simulation.engine == "modes"
-
-
-def test_the_words_of_the_setting_are_the_schedules() -> None:
-    assert set(leaves()["experiment.schedule"].choices) == set(SCHEDULES)
