@@ -7,11 +7,13 @@ import shutil
 import socket
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from ..colours import COMPONENTS, stiffness_colours
 from ..errors import InputError
@@ -34,13 +36,14 @@ class Stream:
     def __init__(self, *, file: str | Path | None = None, viewer: str | None = None, recording_id: str | None = None) -> None:
         if (file is None) == (viewer is None):
             raise ValueError("give a file or a viewer")
-        self._rec = _recording(recording_id)
+        self._rec, arranged = _recording(recording_id), blueprint()
         if file is not None:
-            self._rec.save(str(file), default_blueprint=blueprint())
+            self._rec.save(str(file), default_blueprint=arranged)
         elif viewer == "spawn":
-            self._rec.spawn(default_blueprint=blueprint())
+            self._rec.spawn(default_blueprint=arranged)
         else:
-            self._rec.connect_grpc(viewer, default_blueprint=blueprint())
+            self._rec.connect_grpc(viewer, default_blueprint=arranged)
+        arranged.let_go()
         for name, colour in zip("xyz", COMPONENTS, strict=True):
             self._rec.log(f"net_force/{name}", rr.SeriesLines(colors=_rgb(colour), names=f"F{name} [N]", widths=2), static=True)
         self._losses: list[float] = []
@@ -141,8 +144,9 @@ class Web:
     def __init__(self, port: int) -> None:
         for each in (port, port + 1):
             _check_free(each)
-        self._rec = _recording(None)
-        self.uri = self._rec.serve_grpc(grpc_port=port + 1, default_blueprint=blueprint(), server_memory_limit=_WEB_MEMORY)
+        self._rec, arranged = _recording(None), blueprint()
+        self.uri = self._rec.serve_grpc(grpc_port=port + 1, default_blueprint=arranged, server_memory_limit=_WEB_MEMORY)
+        arranged.let_go()
         rr.serve_web_viewer(web_port=port, open_browser=False, connect_to=self.uri)
         self.url = f"http://127.0.0.1:{port}?url={quote(self.uri, safe='')}"
 
@@ -162,11 +166,37 @@ def _check_free(port: int) -> None:
 
 def _recording(recording_id: str | None) -> rr.RecordingStream:
     """A recording, begun in a thread of its own: one that a signal broke off half-way could not be thrown away without a traceback."""
+    _forget_closed()
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(rr.RecordingStream, APPLICATION, recording_id=recording_id).result()
 
 
-def blueprint() -> rrb.Blueprint:
+def _forget_closed() -> None:
+    """Let recordings that nobody holds any more go, with their threads: rerun keeps each until it is told to look."""
+    chosen = rr.get_global_data_recording()  # somebody else's, which that look would unset
+    flush_and_cleanup_orphaned_recordings()
+    if chosen is not None:
+        rr.set_global_data_recording(chosen)
+
+
+class Arrangement(rrb.Blueprint):
+    """A blueprint of which no copy stays: rerun logs it to a recording in memory, which holds itself, and two threads, until it is disconnected."""
+
+    def __init__(self, *contents: Any, **options: Any) -> None:
+        super().__init__(*contents, **options)
+        self._copies: list[rr.RecordingStream] = []
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self._copies.append(stream)
+        super()._log_to_stream(stream)
+
+    def let_go(self) -> None:
+        """It was handed over."""
+        while self._copies:
+            self._copies.pop().disconnect()
+
+
+def blueprint() -> Arrangement:
     """The default arrangement: images, world, force and loss over time."""
     images = rrb.Vertical(
         rrb.Spatial2DView(origin="world/camera/image", name="input"), rrb.Spatial2DView(origin="rendered", name="rendered")
@@ -182,7 +212,7 @@ def blueprint() -> rrb.Blueprint:
     )
     world = rrb.Spatial3DView(origin="world", name="object: stiffness and force")
     layout = rrb.Horizontal(images, world, curves, column_shares=[2, 3, 2])
-    return rrb.Blueprint(layout, rrb.TimePanel(timeline=TIME, state="collapsed"), collapse_panels=True)
+    return Arrangement(layout, rrb.TimePanel(timeline=TIME, state="collapsed"), collapse_panels=True)
 
 
 def write_rrd(path: str | Path, recovery: Recovery, clip: Clip, splats: Splats | None = None) -> Path:

@@ -81,3 +81,20 @@ def test_the_last_loss_is_in_the_recording(tmp_path: Path) -> None:
             stream.log_loss(float(loss))
         assert stream._shown < 100
     assert stream._shown == 100
+
+
+def test_recordings_that_were_closed_leave_nothing_behind_and_those_of_others_stay(tmp_path: Path) -> None:
+    import rerun as rr
+
+    own = rr.RecordingStream("own", make_default=True)
+    try:
+        threads = []
+        for number in range(5):
+            with rerun_log.Stream(file=tmp_path / f"{number}.rrd") as stream:
+                stream.log_text("news")
+            threads.append(len(list(Path("/proc/self/task").iterdir())))
+        assert threads[-1] == threads[1]
+        assert rr.get_global_data_recording() is not None
+        assert rr.get_global_data_recording().get_recording_id() == own.get_recording_id()
+    finally:
+        rr.set_global_data_recording(None)
