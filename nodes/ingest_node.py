@@ -54,6 +54,7 @@ OWN = (
 )
 
 
+MOST_PASSED_S = 2 * LOOK_S  # between two looks for silence; more means that the node was held up
 AT_ONCE = {"clip.trigger", "clip.seconds", "silence_s"}  # hold for a clip that is open, too
 
 
@@ -73,7 +74,8 @@ class IngestNode(StageNode):
         self.dispatch = Dispatch()
         self.collected = self.ignored = 0  # images taken, and of another topic
         self.first_ns = self.last_ns = 0  # stamps of those that were taken
-        self.last_image: float | None = None
+        self.quiet_s: float | None = None  # how long it was looked in vain for another image, by the looks alone; None where none is expected
+        self._looked = time.monotonic()
         self.player: Player | None = None
         self._hand = Hand()
         self.create_service(Trigger, "~/end", self._on_end)
@@ -186,7 +188,7 @@ class IngestNode(StageNode):
             return
         self.intake.elsewhere = self.dispatch.bytes
         self.recorder.take(topic, message)
-        self.collected, self.last_image, self.last_ns = self.collected + 1, time.monotonic(), stamp_ns(message)
+        self.collected, self.quiet_s, self.last_ns = self.collected + 1, 0.0, stamp_ns(message)
         self.first_ns = self.first_ns if self.collected > 1 else self.last_ns
 
     def _say_unused(self) -> None:
@@ -211,10 +213,13 @@ class IngestNode(StageNode):
             self.dispatch.hear(status.name, stamp_ns(message), status.level[0])
 
     def _look(self) -> None:
-        """For silence, and whether a clip that waits may go."""
-        if self.last_image is not None and time.monotonic() - self.last_image > self.parameters["silence_s"]:
-            self.last_image, self.collected = None, 0
-            self.recorder.silence()
+        """For silence, and whether a clip that waits may go. What this node was held up is no silence: images wait that it has not taken yet."""
+        passed, self._looked = time.monotonic() - self._looked, time.monotonic()
+        if self.quiet_s is not None:
+            self.quiet_s += min(passed, MOST_PASSED_S)
+            if self.quiet_s > self.parameters["silence_s"]:
+                self.quiet_s, self.collected = None, 0
+                self.recorder.silence()
         self._send_next()
 
     def _on_closed(self, clip: Intake, why: str) -> None:

@@ -94,6 +94,17 @@ def test_silence_ends_the_clip_though_the_simulated_time_stands_still(camera, ma
     c.until(lambda: c.node.state == "done", 30.0)
 
 
+def test_images_that_wait_while_the_node_is_held_up_are_no_silence(camera, made_clip):
+    c, half = camera(silence_s=0.5), len(made_clip) // 2
+    c.publish(made_clip, range(half))
+    c.until(lambda: c.node.health()["frames"] == half)
+    c.publish(made_clip, range(half, len(made_clip)))
+    time.sleep(0.8)  # nothing is taken meanwhile
+    c.listen()
+    c.until(lambda: c.buffer.announced)
+    assert len(c.buffer.announced) == len(made_clip)
+
+
 def test_the_service_ends_the_clip_and_what_comes_later_opens_none_before_reset(camera, made_clip):
     c = camera(silence_s=1000.0)
     assert not c.call("end").success  # nothing there yet
