@@ -1,4 +1,4 @@
-"""The five nodes as processes, a camera that sends them tiny clips, and what is heard of each: for many_clips.py and kills.py."""
+"""The five nodes as processes, a camera that sends them tiny clips, and what is heard of each: for many_clips.py, kills.py and soak.py."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ class Told:
     clip: int  # its first stamp [ns]
     sent_s: float  # steady clock
     results: set[str] = field(default_factory=set)  # topics whose message carries this stamp
+    frames: int = 0  # that ingest_node says the clip has
     done_s: float | None = None  # when fit_node had ended with it
     how: str = ""  # it ended
     young_pa: float = float("nan")
@@ -47,6 +48,11 @@ class Told:
     def whole(self) -> bool:
         """Whether all that fit_node latches came of this clip."""
         return self.results == set(RESULTS)
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing more is to come of it."""
+        return self.whole or (self.done_s is not None and not self.how.endswith(": done"))
 
 
 def tiny_clip() -> Clip:
@@ -174,7 +180,7 @@ class Rig:
         from diffphys_ros.nodes.convert import message_class
         from diffphys_ros.nodes.qos import profile
 
-        for name, hear in ((*((topic, partial(self._hear_result, topic)) for topic in RESULTS), ("clip/done", self._hear_done))):
+        for name, hear in (*((topic, partial(self._hear_result, topic)) for topic in RESULTS), ("clip/done", self._hear_done), ("clip/end", self._hear_end)):
             row = TOPICS[name]
             self.node.create_subscription(message_class(row.type_name), name.replace("~", "/fit_node"), hear, profile(row))
 
@@ -185,6 +191,11 @@ class Rig:
         told.results.add(topic)
         if topic == "~/material_field":
             told.young_pa = float(np.median(10.0 ** clouds.unpack(message)["intensity"].astype(float)))
+
+    def _hear_end(self, message: Any) -> None:
+        told = self.told.get(stamp_of(message))
+        if told is not None:
+            told.frames = len(message.poses)
 
     def _hear_done(self, message: Any) -> None:
         told = self.told.get(stamp_of(message))

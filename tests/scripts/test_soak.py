@@ -24,24 +24,24 @@ def soak(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return loaded(SCRIPTS / "soak.py")
 
 
-def seen(soak: ModuleType, *, whole: bool = True, hit: bool = False, memory: list[float] | None = None):
-    clip = SimpleNamespace(number=0, whole=whole, sent_s=1.0, done_s=3.0)
+def seen(soak: ModuleType, *, whole: bool = True, hit: bool = False, frames: int = 36, memory: list[float] | None = None):
+    clip = SimpleNamespace(number=0, whole=whole, frames=frames, sent_s=1.0, done_s=3.0)
     return soak.Soak([clip], {0} if hit else set(), [(1.0, "fit_node")] if hit else [], {("fit_node", 1): memory or [100.0] * 9})
 
 
 @pytest.mark.parametrize(
-    ("case", "frames", "good"),
+    ("case", "good"),
     [
-        ({}, 36, True),
-        ({"whole": False}, 36, False),
-        ({"whole": False, "hit": True}, 0, True),
-        ({}, 35, False),
-        ({"memory": [100.0 + 10 * k for k in range(9)]}, 36, False),
-        ({"memory": [100.0, 300.0, 500.0, *[600.0] * 6]}, 36, True),
+        ({}, True),
+        ({"whole": False}, False),
+        ({"whole": False, "hit": True, "frames": 0}, True),
+        ({"frames": 35}, False),
+        ({"memory": [100.0 + 10 * k for k in range(9)]}, False),
+        ({"memory": [100.0, 300.0, 500.0, *[600.0] * 6]}, True),
     ],
 )
-def test_a_lost_clip_a_lost_frame_and_memory_that_grows_are_failures(soak, capsys, case, frames, good) -> None:
-    assert soak.summary(seen(soak, **case), frames, 36) is good
+def test_a_lost_clip_a_lost_frame_and_memory_that_grows_are_failures(soak, capsys, case, good) -> None:
+    assert soak.summary(seen(soak, **case), 36) is good
     assert "1 clips" in capsys.readouterr().out
 
 
