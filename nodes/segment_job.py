@@ -15,8 +15,15 @@ if TYPE_CHECKING:
 
 
 def label(clip: Clip, settings: Settings, mark: Mark) -> Generator[Any, None, np.ndarray]:
-    """News, then the label images (T, H, W) of a clip that is placed."""
+    """News, then the label images (T, H, W) of a clip that is placed: those that a fit works with."""
+    from diffphys_ros.plain_swing import plain_swing
     from diffphys_ros.segment import label_clip
 
     yield f"labelling {len(clip)} frames"
-    return label_clip(clip, settings, mark)
+    swing = plain_swing(clip, settings)
+    if swing is None:
+        return label_clip(clip, settings, mark)
+    yield "the object is plain and swings: what it is follows from its brightness, whatever was marked"
+    labels = swing[0].labels
+    assert labels is not None
+    return labels

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The sample through the five nodes as five processes, fed by a sixth that publishes its raw topics at the recorded rate,
-against fit_node with `bag:=` alone. Exit status 0 only if both give the same fields, bit for bit. Arguments are settings for
-fit_node on both sides: `scripts/graph.py fit.iterations:=1`."""
+"""The sample, or a recording `bag:=` with its file of settings `config:=`, through the five nodes as five processes, fed by a sixth that publishes
+its raw topics at the recorded rate, against fit_node with `bag:=` alone. Exit status 0 only if both give the same fields, bit for bit. Other
+arguments are settings for fit_node on both sides: `scripts/graph.py fit.iterations:=1`."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ LISTEN = module("diffphys_ros.nodes.listen", "--node", "fit_node", "--timeout", 
 def main(arguments: list[str]) -> int:
     """Both sides and their comparison; returns the exit status."""
     shutil.rmtree(OUT, ignore_errors=True)
-    sample = sample_folder()
-    given = {"config": sample / "given.yaml"}
-    solver = given | {"fit.time_budget_s": BUDGET_S, "fit.iterations": ITERATIONS} | dict(word.split(":=", 1) for word in arguments)
-    one = {"fit_node": node("fit_node", solver | {"bag": sample / "clip.mcap", "out": OUT / "one"})}
+    told = dict(word.split(":=", 1) for word in arguments)
+    bag, given = told.pop("bag", sample_folder() / "clip.mcap"), {"config": told.pop("config", sample_folder() / "given.yaml")}
+    solver = given | {"fit.time_budget_s": BUDGET_S, "fit.iterations": ITERATIONS} | told
+    one = {"fit_node": node("fit_node", solver | {"bag": bag, "out": OUT / "one"})}
     five = {
         "fit_node": node("fit_node", solver | {"out": OUT / "five"}),
         "splat_node": node("splat_node", given),
         "segment_node": node("segment_node", given),
         "ingest_node": node("ingest_node", given | {"reliability": "reliable"}),
         "inspect_node": node("inspect_node", {"file": OUT / "inspect.rrd"}),
-        "camera": module("diffphys_ros.nodes.replay", str(sample / "clip.mcap"), "--inputs"),
+        "camera": module("diffphys_ros.nodes.replay", str(bag), "--inputs"),
     }
     good = all([play("one", one), play("five", five)])
     return 0 if good and print_comparison(OUT / "one", OUT / "five") else 1

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from diffphys_ros.bags.camera import camera_from_fov
+from diffphys_ros.bags.write import Message, write_recording
+from diffphys_ros.msg_schemas import messages
+from diffphys_ros.msg_schemas.topics import CAMERA_INFO, IMAGE
 from diffphys_ros.outline import covered
 from diffphys_ros.types import Clip
 
@@ -69,3 +74,15 @@ class Strip:
         frames = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, -1)
         height, width = self.size
         return Clip(frames, 0, 1 / self.fps, replace(camera_from_fov(50.0, width, height), lens_told=False), source="strip")
+
+    def record(self, path: Path) -> Path:
+        """As a recording of a camera whose lens is known."""
+        return write_recording(path, self._messages())
+
+    def _messages(self) -> Iterator[Message]:
+        clip = self.clip()
+        for k, pixels in enumerate(clip.frames):
+            ns = 10**9 + round(k * clip.period_s * 1e9)
+            head = messages.header(ns, "camera_optical")
+            yield "/camera/camera_info", CAMERA_INFO, ns, messages.camera_info(head, clip.camera), False
+            yield "/camera/image_raw", IMAGE, ns, messages.image(head, pixels, "rgb8"), False

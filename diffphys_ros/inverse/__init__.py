@@ -38,8 +38,9 @@ def run(
     clock: Clock | None = None,
     guess_scale: float = 1.0,
 ) -> Steps:
-    """Clip, or the path of a recording, in; fields out. Of a recording the frames of settings.frames are read, a clip is taken whole. Gaussians of frame 0 are fitted where none are given. The search for start
-    values begins `guess_scale` times off, which it must forget. Yields news, returns (Prepared, Splats, Recovery)."""
+    """Clip, or the path of a recording, in; fields out. Of a recording the frames of settings.frames are read, a clip is taken whole. Gaussians
+    of frame 0 are fitted where none are given, and where the body is that of another frame. The search for start values begins `guess_scale`
+    times off, which it must forget. Yields news, returns (Prepared, Splats, Recovery)."""
     clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=usable(settings.fit.device))
     if not isinstance(source, Clip):
@@ -67,7 +68,7 @@ def solve_prepared(
 def _solved(
     prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None, clock: Clock, start_scale: float = 1.0
 ) -> Steps:
-    if splats is None:
+    if splats is None or prepared.hanging is not None:  # the body hangs as in another frame
         splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
     recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint, clock=clock, start_scale=start_scale)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, clock=clock)

@@ -21,7 +21,6 @@ from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mas
 
 if TYPE_CHECKING:
     from ..depth import DepthSource
-    from ..outline import Calm
     from ..start.hang import Hung
     from ..tracks import CameraMotion
 
@@ -53,7 +52,11 @@ class Outlined:
 def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlined | None]:
     """The clip seen by its outline; None where points on the object are to be followed. Raises InputError where an outline is asked for that
     tells nothing."""
-    chosen = yield from _calm(clip, settings)
+    from ..plain_swing import is_looked_for, plain_swing
+
+    if is_looked_for(clip, settings):
+        yield Progress("segment", text="whether the object is plain")
+    chosen = plain_swing(clip, settings)
     if chosen is None:
         return None
     whole, calm = chosen
@@ -87,33 +90,6 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging))
     return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, moved)
-
-
-def _calm(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[Clip, Calm] | None]:
-    """The clip, labelled, and its calm frames."""
-    from ..outline import calm_part, has_texture
-    from ..segment import plain_labels
-
-    wanted = settings.tracks.evidence
-    if wanted == "points" or (wanted == "auto" and (clip.depth is not None or settings.scene.clamp_box_m is not None)):
-        return None
-    yield Progress("segment", text="whether the object is plain")
-    labels = plain_labels(clip)
-    if labels is None:
-        if wanted == "outline":
-            raise InputError(f"{clip.source or 'clip'}: nothing plain swings before the scene, so that there is no outline to follow; set tracks.evidence to points")
-        return None
-    name = clip.source or "clip"
-    try:
-        calm = calm_part(labels, clip.period_s, rest_frame=settings.scene.rest_frame, source=name)
-    except InputError:
-        if wanted == "outline" or settings.scene.rest_frame is not None:
-            raise
-        return None
-    labelled = clip.with_labels(labels)
-    if wanted == "auto" and has_texture(labelled, calm.rest, settings):
-        return None
-    return labelled, calm
 
 
 def _camera(camera: Camera) -> Camera:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
-from diffphys_ros import config
+from diffphys_ros import config, inverse
 from diffphys_ros.inverse import prepare
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.progress import finished
@@ -60,6 +62,30 @@ def test_the_decay_of_the_swing_is_the_damping(prepared: Prepared) -> None:
     damping, omega = prepared.start.damping, 2 * np.pi * STRIP.hz
     ratio = (damping.mass_per_s + damping.stiffness_s * omega**2) / (2 * omega)
     assert ratio == pytest.approx(STRIP.damping, rel=0.1)
+
+
+def test_gaussians_of_frame_0_are_of_no_use_to_a_body_that_is_that_of_another_frame(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert prepared.hanging.rest_frame > 0
+    used = []
+
+    def solved(prepared: Prepared, splats: str, *_: object, **__: object) -> Iterator[None]:
+        used.append(splats)
+        return
+        yield
+
+    def returning(value: object) -> Callable[..., Iterator[None]]:
+        def steps(*_: object, **__: object) -> Iterator[None]:
+            return value
+            yield
+
+        return steps
+
+    for name, stub in {"fit_gaussians": returning("own"), "solve": solved, "refine_gaussians": returning((None, None))}.items():
+        monkeypatch.setattr(inverse, name, stub)
+    judge = SimpleNamespace(judged=lambda recovery, prepared: None)
+    for body in (prepared, replace(prepared, hanging=None)):
+        finished(inverse._solved(body, config.build({}), judge, "those of frame 0", None, None))
+    assert used == ["own", "those of frame 0"]
 
 
 def held_in_a_hand(clip: Clip) -> Clip:

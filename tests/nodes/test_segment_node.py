@@ -11,12 +11,17 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.executors import SingleThreadedExecutor
 
+from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
 from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.segment_job import label
 from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode, pixel_of
+from diffphys_ros.outline import covered
+from diffphys_ros.progress import finished
+from diffphys_ros.segment import Mark
+from tests.plain_strips import Strip
 
 from .processes import PATIENCE_S
 
@@ -134,6 +139,14 @@ def test_what_is_clicked_or_masked_reaches_segmentation_beside_the_settings_that
     else:
         assert mark.point is None
         assert np.array_equal(mark.labels, mask)
+
+
+def test_a_plain_strip_that_swings_is_labelled_as_in_its_fit_whatever_was_clicked() -> None:
+    strip = Strip(frames=100)
+    truth = np.stack([covered(strip.outline(sway), strip.size) > 0.5 for sway in strip.sway()])
+    for mark in (Mark(), Mark(point=np.array([5.0, 5.0]))):
+        labels = finished(label(strip.clip(), config.build({}), mark)) > 0
+        assert (labels & truth).sum() > 0.99 * (labels | truth).sum()  # by flow .95
 
 
 def test_a_click_beside_every_object_is_answered_with_a_sentence(make_node, two_blocks) -> None:
