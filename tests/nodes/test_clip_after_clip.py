@@ -1,4 +1,4 @@
-"""Claims about clip after clip through the five nodes as processes, and about nodes that are killed: slices of scripts/many_clips.py and scripts/kills.py."""
+"""Claims about clip after clip through the five nodes as processes, and about nodes that are killed: slices of scripts/many_clips.py, kills.py and soak.py."""
 
 from __future__ import annotations
 
@@ -32,3 +32,10 @@ def test_after_a_kill_the_next_clip_has_its_own_result(tmp_path: Path) -> None:
     done = script("kills.py", "--nodes", "segment_node+fit_node", "--moments", "fit", "--out", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("its own result") == 2
+
+
+def test_a_minute_of_the_soak_loses_no_clip_and_no_frame(tmp_path: Path) -> None:
+    done = script("soak.py", "--minutes", "1", "--kill-every", "30", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "without one and without a kill: none" in done.stdout
+    assert (tmp_path / "memory.png").exists()
