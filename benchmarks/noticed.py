@@ -48,7 +48,7 @@ def child(module: str, path: str, factor: str, tests: list[str]) -> int:
 def main() -> int:
     """Prints what fails; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("numbers", nargs="+", metavar="NUMBER", help="such as start.force.MOST_EDGE")
+    parser.add_argument("numbers", nargs="+", metavar="NUMBER", help="such as start.force.FORCE_SD")
     parser.add_argument("--tests", nargs="+", default=[], help="files or folders, in place of those of the room")
     parser.add_argument("--factors", nargs="+", type=float, default=[0.5, 2.0])
     parser.add_argument("--jobs", type=int, default=1, help="processes at once")

@@ -27,7 +27,6 @@ GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of
 # under a uniform force what linear modes miss looks like a push at the outer end, by up to 1.4 a frame in 11 clips with a known truth
 GAUSSIAN_DROP = 3.0  # sigma^2 a frame by which the cost must fall as well: twice that [chosen]
 EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak [chosen]
-MOST_EDGE = 3  # frames that may join at an end [chosen]
 REFINEMENTS = 8  # steps of the fit to all frames [numerical]
 CENTRES = (6, 3)  # of the search over footprints, along and across the body [numerical]
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length [numerical]
@@ -167,7 +166,7 @@ class ForceProblem:
             return 0, 0
         for shift in (-1, 1):
             problem, best, count = self, self.solve(physics, self.uniform_load), 0
-            while count < MOST_EDGE:
+            while True:
                 problem = replace(problem, allowed=problem.allowed | _shifted(problem.allowed, shift))
                 trial = problem.solve(physics, self.uniform_load)
                 size = np.linalg.norm(trial.force[np.flatnonzero(problem.allowed)[0 if shift < 0 else -1]])

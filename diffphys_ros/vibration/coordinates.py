@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,7 @@ OVER_NOISE = 1.5  # times the common noise that it must have as well [chosen]
 NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order [chosen]
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates [chosen]
 ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each [chosen]
-NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [chosen]
-USUAL, FARTHEST, NOISY = 95, 3.0, 10.0  # percentile of a frame's displacements; times that and times the noise, beyond which they are not the body's [chosen]
+NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [numerical]
 WILD = 6.0  # misfits of single track positions beyond this many times the median are left out [chosen]
 SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart [chosen]
 COHERENT_SHARE = 0.5  # of the track noise that is common to all points [chosen: a tenth in docs/measurements/front_end.md]
@@ -106,12 +104,11 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     known = tracks.valid.mean(1) > LEAST_POINTS
     known[0] = True
-    valid = _plausible(displacement, tracks.valid, tracks.noise_m)
-    principal = _principal(points[0], displacement, valid, known)
+    principal = _principal(points[0], displacement, tracks.valid, known)
     principal = principal - principal[:1]
     q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
-    shapes, misfit = _regress(q, displacement, valid)
-    calm = valid & (misfit <= WILD * np.median(misfit[valid]))
+    shapes, misfit = _regress(q, displacement, tracks.valid)
+    calm = tracks.valid & (misfit <= WILD * np.median(misfit[tracks.valid]))
     kept = calm[known].mean(0) > LEAST_SEEN
     shapes, _ = _regress(q, displacement[:, kept], calm[:, kept])
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
@@ -125,15 +122,6 @@ def seen_across(body: Body, tracks: Tracks, camera: Camera | None) -> np.ndarray
     if tracks.normals is not None:
         return _along_normals(body, tracks.normals)
     return None if tracks.has_depth else _across(body.to_body(tracks.points[0]), None if camera is None else body.to_body(camera.position))
-
-
-def _plausible(displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> np.ndarray:
-    """Valid entries (T, M) without leaps to the background."""
-    length = np.where(valid, np.linalg.norm(displacement, axis=2), np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # frames in which nothing was seen
-        usual = np.nanpercentile(length, USUAL, axis=1)
-    return valid & (np.nan_to_num(length) <= FARTHEST * np.nan_to_num(usual)[:, None] + NOISY * noise_m)
 
 
 def _across(points: np.ndarray, eye: np.ndarray | None) -> np.ndarray:

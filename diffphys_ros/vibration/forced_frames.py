@@ -14,7 +14,6 @@ COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the le
 CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little [chosen]
 SECOND_NOISE = 6.0  # variance of a second difference over that of a frame: 1 + 4 + 1 [derived]
 FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force [chosen]
-LATE_SIGMA, LATE = 6.0, 4  # the same well inside the tail, where only a strong misfit counts: from so many equations after its start [chosen]
 ROBUST_ROUNDS = 6  # at which equations are those of a force is asked anew [numerical]
 RIDGE = 1e-5  # of the largest coordinate: decides for coordinates that hardly move [numerical]
 TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail [chosen]
@@ -114,7 +113,6 @@ class Rows:
             misfit = self.misfit(matrix)
             sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
             keep = self.usable & (misfit < FORCED_SIGMA * sigma)
-            keep[start + LATE :] |= self.usable[start + LATE :] & (misfit[start + LATE :] < LATE_SIGMA * sigma)
         return matrix, misfit, keep, sigma, floor
 
     def leading_sd(self, keep: np.ndarray, matrix: np.ndarray, tail: np.ndarray, floor: float) -> np.ndarray:

@@ -121,3 +121,26 @@ def test_lost_frames_in_the_tail_are_no_force():
     known[[30, 31, 42, 50]] = False
     found = np.flatnonzero(find_support(swings(pulse(3, 8)), known, PERIOD_S, at_rest=True, noise_m=6e-5).forced)
     assert found[-1] <= 9
+
+
+def let_go(decay_per_s: float, noise: float) -> np.ndarray:
+    """How often (of 6) a swing of 3.5 Hz that decays so is a free tail."""
+    time = np.arange(FRAMES) * PERIOD_S
+    truth = 5e-3 * np.exp(-decay_per_s * time) * np.cos(2 * np.pi * 3.5 * time + 1.0)
+    seen = (truth + noise * np.random.default_rng(seed).standard_normal(FRAMES) for seed in range(6))
+    return np.mean([find_support((q - q[0])[:, None], KNOWN, PERIOD_S, at_rest=False, noise_m=2 * noise).has_free_tail for q in seen])
+
+
+def test_a_swing_that_grows_is_pushed_and_one_that_noise_lets_seem_to_grow_is_not():
+    """By half over the clip, and by a quarter."""
+    assert let_go(-0.2, 2e-5) == 0
+    assert let_go(-0.1, 2e-5) == 1
+    assert let_go(-0.3, 2e-4) > 0.8
+
+
+def test_a_frame_that_was_seen_wrongly_is_no_force():
+    q = swings(pulse(3, 8))
+    q[30] += 2e-3
+    support = find_support(q, KNOWN, PERIOD_S, at_rest=True, noise_m=6e-5)
+    assert support.has_free_tail
+    assert np.flatnonzero(support.forced)[-1] <= 9
