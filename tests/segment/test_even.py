@@ -15,6 +15,7 @@ from diffphys_ros.types import Clip
 
 HEIGHT, WIDTH, FRAMES = 90, 160, 10
 LEAF, STEM = (196, 120, 40), (90, 130, 60)
+STROKES = tuple((x, y, *size) for x in (250, 275, 300) for y, size in ((38, (14, 4)), (58, (4, 16)), (84, (16, 4)), (104, (4, 10))))  # left, top, width, height [px]
 MATCHING = Matching(window_px=15, round_trip_px=0.4)
 
 
@@ -73,6 +74,24 @@ def test_a_painted_surface_is_plain_and_a_patterned_one_is_not(frames: np.ndarra
     pattern = np.random.default_rng(1).integers(-25, 25, (FRAMES, HEIGHT // 2, WIDTH // 2, 1)).repeat(2, 1).repeat(2, 2)
     assert plain(frames, truth(0) > 0, MATCHING, spacing_px=4)
     assert not plain(np.clip(frames + pattern, 0, 255).astype(np.uint8), truth(0) > 0, MATCHING, spacing_px=4)
+
+
+def test_a_surface_with_a_few_strokes_is_not_plain(frames: np.ndarray) -> None:
+    """Most of it is flat, yet what is on it can be followed."""
+    drawn, mask = frames.repeat(3, 1).repeat(3, 2), (truth(0) > 0).repeat(3, 0).repeat(3, 1)
+    for k in range(FRAMES):
+        for x, y, across, down in STROKES:
+            drawn[k][y + 12 * k : y + 12 * k + down, x : x + across] = 20
+    assert (drawn[0][mask].max(1) < 40).mean() < 0.06
+    assert not plain(drawn, mask, MATCHING, spacing_px=4)
+
+
+def test_a_patterned_object_that_leaps_is_not_plain(frames: np.ndarray) -> None:
+    """None of its points is found again, for it is elsewhere."""
+    pattern = np.random.default_rng(1).integers(-25, 25, (HEIGHT // 2, WIDTH // 2, 1)).repeat(2, 0).repeat(2, 1)
+    shown = np.clip(frames[0] + pattern, 0, 255).astype(np.uint8)
+    gone = np.stack([shown] + [np.roll(shown, 60, axis=1)[::-1]] * (FRAMES - 1))
+    assert not plain(gone, truth(0) > 0, MATCHING, spacing_px=4)
 
 
 def test_noise_of_a_camera_is_no_texture(frames: np.ndarray) -> None:
