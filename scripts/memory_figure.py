@@ -70,8 +70,8 @@ def draw(samples: Sequence[Sample], kills: Sequence[tuple[float, str]], path: Pa
     axes.plot(times / 60, mib, color="black", label="together", linewidth=1.5)
     for seconds, name in kills:
         axes.axvline(seconds / 60, color="grey", linestyle=":", linewidth=1)
-        axes.text(seconds / 60, 1.0, f" {name} killed", rotation=90, va="top", fontsize=7, transform=axes.get_xaxis_transform())
+        axes.text(seconds / 60, 1.01, f"{name.removesuffix('_node')} killed", ha="center", va="bottom", fontsize=7, transform=axes.get_xaxis_transform())
     axes.set(xlabel="time [min]", ylabel="held [MiB, PSS]", ylim=(0, None))
-    axes.legend(loc="upper left", fontsize=8)
-    figure.savefig(path, dpi=100)
+    figure.legend(loc="outside lower center", ncols=6, fontsize=8)
+    figure.savefig(path, dpi=80)
     pyplot.close(figure)
