@@ -19,7 +19,7 @@ from diffphys_ros.errors import InputError, short, shown
 from .qos import OVERRIDES
 
 _RCLPY = ("use_sim_time", "start_type_description_service")  # declared by rclpy itself
-UNSET = "null"  # how `ros2 param dump` writes a parameter that is not set, and how `--params-file` gives it back
+UNSET = ("null", "None")  # a parameter that is not set: as `ros2 param dump` writes it and `--params-file` gives it back, and as `ros2 param load` does
 
 
 class Own(NamedTuple):
@@ -110,7 +110,7 @@ class Parameters:
     def _value(self, parameter: Parameter) -> Any:
         leaf, value = config.leaves().get(parameter.name), _plain(parameter.value)
         may_be_unset = parameter.name in self._own if leaf is None else leaf.optional
-        return None if may_be_unset and value == UNSET else value
+        return None if may_be_unset and value in UNSET else value
 
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor, given: Mapping[str, Any]) -> None:
         self._descriptors[name] = descriptor

@@ -168,7 +168,7 @@ def test_a_dump_of_the_parameters_can_be_given_back(make_node, domain, tmp_path)
         again.destroy_node()
 
 
-@pytest.mark.parametrize("unset", [Parameter("scene.mass_kg", value="null"), Parameter("scene.mass_kg")])
+@pytest.mark.parametrize("unset", [Parameter("scene.mass_kg", value="null"), Parameter("scene.mass_kg", value="None"), Parameter("scene.mass_kg")])
 def test_an_optional_value_can_be_unset_and_set_again(make_node, unset):
     node = make_node(FitNode, scene__mass_kg=0.8)
     for _ in range(2):
@@ -179,6 +179,15 @@ def test_an_optional_value_can_be_unset_and_set_again(make_node, unset):
         assert not node.set_parameters_atomically([Parameter("scene.mass_kg", value=-1.0)]).successful
         assert node.set_parameters_atomically([Parameter("scene.mass_kg", value=2.0)]).successful
         assert node.parameters.settings().scene.mass_kg == 2.0
+
+
+def test_a_dump_that_is_loaded_into_the_running_node_sets_no_text_where_nothing_was_set(make_node):
+    node = make_node(FitNode)
+    before = node.parameters.settings()
+    unset = [name for name in config.read_by("fit_node") if node.get_parameter_or(name).value is None]
+    assert "scene.target_frame" in unset  # any text would do
+    assert node.set_parameters_atomically([Parameter(name, value="None") for name in unset]).successful  # as `ros2 param load` says null
+    assert node.parameters.settings() == before
 
 
 @pytest.mark.parametrize("name", ["fit.iterations", "bag", "use_sim_time"])
