@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import atexit
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,16 +14,21 @@ import yaml
 YES = ("true", "1", "yes", "on")
 
 
+def one_or_several(text: str) -> str | list[str]:
+    """A path, or the paths of a list in YAML, as a parameter on the command line has it."""
+    return [str(path) for path in yaml.safe_load(text)] if text.startswith("[") and text.endswith("]") else text
+
+
 class Argument(NamedTuple):
     """Of a launch file. One that is empty, or false, is not handed on, so that the node's own default holds."""
 
     default: str
     doc: str
-    kind: type = str  # as a parameter of a node
+    kind: Callable[[str], Any] = str  # as a parameter of a node
 
 
 NODE = {
-    "config": Argument("", "YAML file of settings, as for the command line"),
+    "config": Argument("", "YAML file of settings, as for the command line; or several, [A.yaml, B.yaml], of which later ones win", one_or_several),
     "params_file": Argument("", "ROS file of parameters, as for --params-file"),
     "namespace": Argument("", "namespace of the nodes"),
     "use_sim_time": Argument("false", "take the time from /clock", bool),

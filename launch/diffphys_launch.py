@@ -30,7 +30,7 @@ def description(launch: str, actions: Any) -> LaunchDescription:
 def node(launch: str, name: str, given: dict[str, str], **more: Any) -> Node:
     """One of the nodes, with its own parameters after those of the file that all share."""
     ends = name == "fit_node" and said(given, "exit_when_done")
-    own = {key: ParameterValue(value, value_type=type(value)) for key, value in parameters(launch, name, given).items()}
+    own = {key: value if isinstance(value, list) else ParameterValue(value, value_type=type(value)) for key, value in parameters(launch, name, given).items()}
     return Node(
         package="diffphys_ros",
         executable=name,

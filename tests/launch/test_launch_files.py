@@ -70,6 +70,7 @@ def test_what_keeps_its_default_is_left_to_the_node_and_the_rest_has_its_kind(ar
     told = given(arguments, "graph", bag="/tmp/1.mcap", rate="2", loop="True", start="0.0")
     assert arguments.parameters("graph", "ingest_node", told) == {"bag": "/tmp/1.mcap", "rate": 2.0, "loop": True}
     assert arguments.parameters("fit", "fit_node", given(arguments, "fit", out="7", exit_when_done="yes")) == {"out": "7", "exit_when_done": True}
+    assert arguments.parameters("graph", "splat_node", given(arguments, "graph", config="[a.yaml, b.yaml]")) == {"config": ["a.yaml", "b.yaml"]}
 
 
 WRITES = """
