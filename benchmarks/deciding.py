@@ -39,14 +39,17 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     "start.evidence": "STILL",
     "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT",
     "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD DETUNED",
-    "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1",
+    "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 UNSEEN_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1",
     "start.uncertainty": "SILHOUETTE_PX",
     "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",
     "elements.mesh": "CELLS_ACROSS THINNEST<=1",
+    "plainness": "LEAST_SHARE<=1 ENOUGH_SHARE<=1 LEAST_GREY ROUGH_GREY",
+    "segment.even": "REACH SCENE_GREY",
+    "outline.follow": "LEAST_CONTRAST",
 }
 
-EYES = ("plainness", "segment", "outline")
+PLAIN = ("plainness.", "segment.even.", "outline.", "start.force.UNSEEN_SHARE")  # what acts on plain objects, or where no picture shows a motion
 
 
 @dataclass(frozen=True)
@@ -102,9 +105,9 @@ class Number:
         return max(1, round(new)) if isinstance(value, int) else new
 
     @property
-    def of_eyes(self) -> bool:
-        """Whether it acts before there are tracks, so that only a recording shows what it decides."""
-        return self.module.partition(".")[0] in EYES
+    def of_plain(self) -> bool:
+        """Whether it acts on objects without texture alone, mostly before there are tracks, so that only a recording of one shows what it decides."""
+        return str(self).startswith(PLAIN)
 
     def comment(self) -> str:
         """What the code says that it is; empty where it says nothing. Raises LookupError where nothing sets it."""

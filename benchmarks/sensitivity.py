@@ -5,7 +5,8 @@
 
 Stiffness and force are computed anew from a clip's tracks and body (benchmarks/first_answer.py), as is and with each number of LISTED
 (benchmarks/deciding.py) multiplied, in a process each, which needs 0.5 GB; one that crashes or takes longer than TIMEOUT_S is an outcome as well.
-Numbers that act before there are tracks are multiplied on folders of clip.mcap and given.yaml, whose masks and tracks are made anew each time.
+Numbers that act on plain objects alone are multiplied on folders of clip.mcap and given.yaml (benchmarks/painted.py), whose masks and tracks are made
+anew each time.
 --record keeps the rows in benchmarks/results/sensitivity.json and writes the tables of docs/measurements/sensitivity.md.
 """
 
@@ -112,7 +113,7 @@ def measured(clips: dict[str, dict[str, Any]], chosen: Sequence[Number], truths:
             paths[name].write_bytes(pickle.dumps(told))
         base = _all(pool, paths, [(clip, None, 1.0) for clip in clips])
         before = {clip: _sound(clip, base[clip, None, 1.0], truths.get(clip)) for clip in clips}
-        suited = {n: [clip for clip, told in clips.items() if ("recording" in told) == n.of_eyes] for n in chosen}
+        suited = {n: [clip for clip, told in clips.items() if ("recording" in told) == n.of_plain] for n in chosen}
         asked = [(clip, n, factor) for n in chosen for factor in FACTORS.values() if _differs(n, factor) for clip in suited[n]]
         after = _all(pool, paths, asked)
     return [
@@ -163,11 +164,13 @@ def record(rows: list[Row], *, dirty: bool) -> None:
     """Keep the rows in place of older ones of the same numbers, without those of numbers that are listed no more or that act where the new ones do and
     were changed on other clips, and fill the page."""
     about = {"device": device_name("cpu"), "versions": versions(), "commit": this_commit(dirty=dirty)}
-    eyes = {str(n): n.of_eyes for n in numbers()}
-    clips = {kind: set().union(*(clips_of(row) for row in rows if eyes[row["name"]] == kind)) for kind in (False, True)}
-    older = [row for row in json.loads(ROWS.read_text()) if row["name"] in eyes] if ROWS.exists() else []
-    known = {row["name"]: row for row in older if clips[eyes[row["name"]]] in (set(), clips_of(row))}
+    plain = {str(n): n.of_plain for n in numbers()}
+    clips = {kind: set().union(*(clips_of(row) for row in rows if plain[row["name"]] == kind)) for kind in (False, True)}
+    older = [row for row in json.loads(ROWS.read_text()) if row["name"] in plain] if ROWS.exists() else []
+    known = {row["name"]: row for row in older if clips[plain[row["name"]]] in (set(), clips_of(row))}
     known |= {row["name"]: row | about for row in rows}
+    for number in numbers():
+        known.get(str(number), {}).update(what=number.comment(), source=number.source())
     ROWS.write_text(json.dumps([known[str(n)] for n in numbers() if str(n) in known], indent=1) + "\n")
     page = NOTES / "sensitivity.md"
     page.write_text(filled(page.read_text()))
