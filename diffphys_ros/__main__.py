@@ -174,7 +174,7 @@ def _recover(options: argparse.Namespace) -> int:
 
     clock = clock_of(settings, side_by_side=side_by_side)
     with result.owned(options.out) as out:
-        checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.fit.checkpoint_every_s, resume=options.resume)
+        checkpoint = Checkpoint(out / result.CHECKPOINT, every_s=settings.experiment.checkpoint_every_s, resume=options.resume)
         if is_prepared:
             prepared = result.load_prepared(options.clip)
             steps = solve_prepared(prepared, settings, checkpoint=checkpoint, clock=clock, **begun)

@@ -36,7 +36,7 @@ def recover(source: Clip | Path, splats: Splats | None, settings: config.Setting
         from diffphys_ros.inverse import Checkpoint
 
         path = folder / result.CHECKPOINT
-        checkpoint = Checkpoint(path, every_s=settings.fit.checkpoint_every_s, resume=resume and path.exists())
+        checkpoint = Checkpoint(path, every_s=settings.experiment.checkpoint_every_s, resume=resume and path.exists())
         answer, clip, fitted = yield from _answered(clip, splats, settings, checkpoint, run, node)
         yield answer
         left_out = result.write_all(answer.recovery, clip, settings, folder, splats=fitted, node=node)

@@ -22,7 +22,7 @@ from tests.coarse import coarse_elements
 
 QUICK = [
     *("--particles.cells", "3", "--experiment.per_cell", "1", "--fit.iterations", "1"),
-    *("--experiment.splat_iterations", "4", "--splats.max_count", "300", "--splats.refine_frames", "3"),
+    *("--experiment.splat_iterations", "4", "--splats.max_count", "300", "--experiment.refine_frames", "3"),
 ]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 _SOURCE = "the source follows from what is given: prior.file, prior.materials, or prior.base_url with prior.model"
-_LPIPS = "put both files into one folder as {} and give that folder as metrics.lpips_weights"
+_LPIPS = "put both files into one folder as {} and give that folder as experiment.lpips_weights"
 
 # 0.1 -> 0.2
 RENAMED: Mapping[str, str] = MappingProxyType(
@@ -34,6 +34,8 @@ RENAMED: Mapping[str, str] = MappingProxyType(
         "fit.depth_weight": "experiment.depth_weight",
         "fit.image_every": "experiment.image_every",
         "fit.seed": "experiment.seed",
+        "fit.checkpoint_every_s": "experiment.checkpoint_every_s",
+        "splats.refine_frames": "experiment.refine_frames",
     }
 )
 REMOVED: Mapping[str, str] = MappingProxyType(

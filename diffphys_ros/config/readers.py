@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ..errors import InputError
 from .leaf import leaves
 
-_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "tracks", "prior", "particles", "splats", "fit", "metrics", "publish")
+_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "tracks", "prior", "particles", "splats", "fit", "publish")
 _OF_WORLD = ("scene.gravity_m_s2", "scene.thickness_axis", "scene.clamp_box_m", "scene.floor_z_m")  # who reads them waits for a world
 _RECOVER = (*_FIT, "frames", "experiment")
 READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(

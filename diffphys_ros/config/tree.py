@@ -172,7 +172,6 @@ class SplatSettings:
     """3D Gaussians."""
 
     max_count: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
-    refine_frames: int = setting(12, "frames of the clip to which the Gaussians are fitted once the motion is recovered; 0: frame 0 alone", low=0, high=10_000)
 
 
 TIME_BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
@@ -189,19 +188,7 @@ class Fit:
     law: str = setting("neo_hookean", "elastic law of the material")
     material_field: str = setting("part", "part: constants per part; residual: corrected from point to point by a triplane; triplane: a triplane alone, pretrained on them", choices=("part", "residual", "triplane"))
     force_field: str = setting("frame", "frame: one vector per frame under a footprint; on top of it modes: smooth shapes along the object, voxels: features per voxel and frame, planes: a triplane over x, y and time", choices=("frame", "modes", "voxels", "planes"))
-    checkpoint_every_s: float = setting(60.0, "time between checkpoints on disk", unit="s", low=0.1, high=1e5)
     device: str = setting("auto", "auto, cpu or cuda:0", pattern=r"auto|cpu|cuda(:\d{1,3})?")
-
-
-@dataclass(frozen=True)
-class MetricSettings:
-    """Figures of a result beside the losses."""
-
-    lpips_weights: str | None = setting(
-        None,
-        "folder of LPIPS 0.1's weights: backbone.pth, torchvision's AlexNet or VGG-16, and heads.pth, the linear heads for it (or .safetensors); LPIPS is left out without it",
-        path=True,
-    )
 
 
 @dataclass(frozen=True)
@@ -256,9 +243,16 @@ class Experiment:
     image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
     splat_iterations: int = setting(100, "steps of the fit of the Gaussians to frame 0", low=1, high=100_000)
     view_iterations: int = setting(2000, "steps of their fit to many views of a still scene", low=1, high=100_000)
+    refine_frames: int = setting(12, "frames of the clip to which the Gaussians are fitted once the motion is recovered; 0: frame 0 alone", low=0, high=10_000)
     prior_timeout_s: float = setting(60.0, "longest time for one answer of the model of prior.model", unit="s", low=0.1, high=3600.0)
     prior_attempts: int = setting(3, "most requests to it, counting those that tell it what was wrong with its answer", low=1, high=10)
     prior_cache: str | None = setting(None, "folder of its earlier answers; ~/.cache/diffphys_ros/prior where not given", path=True)
+    checkpoint_every_s: float = setting(60.0, "time between checkpoints on disk", unit="s", low=0.1, high=1e5)
+    lpips_weights: str | None = setting(
+        None,
+        "folder of LPIPS 0.1's weights: backbone.pth, torchvision's AlexNet or VGG-16, and heads.pth, the linear heads for it (or .safetensors); LPIPS is left out without it",
+        path=True,
+    )
     seed: int = setting(0, "seed of everything random", low=0, high=2**31 - 1)
 
     @property
@@ -301,7 +295,6 @@ class Settings:
     splats: SplatSettings = group(SplatSettings, SOLVED)
     frames: FrameSettings = group(FrameSettings, SOLVED)
     fit: Fit = group(Fit, SOLVED)
-    metrics: MetricSettings = group(MetricSettings, OUT)
     playback: Playback = group(Playback, OUT)
     publish: Publish = group(Publish, OUT)
     capture: CaptureSettings = group(CaptureSettings, STILL)

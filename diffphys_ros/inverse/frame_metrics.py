@@ -27,7 +27,7 @@ class Judge:
     @classmethod
     def of(cls, settings: Settings, *, device: str) -> Judge:
         """Reads weights at once, so that a bad file is known before a long fit. Raises InputError."""
-        folder = settings.metrics.lpips_weights
+        folder = settings.experiment.lpips_weights
         return cls(None if folder is None else Lpips.of(folder, device=device))
 
     def judged(self, recovery: Recovery, prepared: Prepared) -> Recovery:

@@ -26,7 +26,7 @@ PASSES = 2  # over the frames, at least
 def refine_gaussians(
     prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, *, clock: Clock | None = None
 ) -> Generator[Progress, None, tuple[Splats, Recovery]]:
-    """Gaussians fitted on to splats.refine_frames frames of the clip, and the recovery with frames and image metrics of these; all
+    """Gaussians fitted on to experiment.refine_frames frames of the clip, and the recovery with frames and image metrics of these; all
     else in it stays. They are kept only where the frames that were not fitted are nearer to the video than before (all frames, where
     none was left out). Yields news."""
     clip, device = prepared.clip, usable(settings.fit.device)
@@ -34,7 +34,7 @@ def refine_gaussians(
         said = f"Gaussians of frame 0 kept: the time budget of {clock.limit_s:.0f} s is spent"
         yield Progress("splats", text=said)
         return splats, replace(recovery, notes=(*recovery.notes, said), metrics=recovery.metrics | {"stopped_by_budget": True})
-    chosen = frames_to_fit(clip, settings.splats.refine_frames)
+    chosen = frames_to_fit(clip, settings.experiment.refine_frames)
     if recovery.frames is None or not len(chosen):
         return splats, recovery
     assert clip.labels is not None

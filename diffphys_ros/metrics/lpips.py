@@ -20,7 +20,7 @@ from ..npz import in_words
 
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of the published metric, for values -1..1
 MARGIN_PX = 16  # around the object that is compared
-WEIGHTS = "metrics.lpips_weights"
+WEIGHTS = "experiment.lpips_weights"
 BACKBONE, HEADS = "backbone", "heads"  # files of that folder
 SUFFIXES = (".pth", ".safetensors")
 

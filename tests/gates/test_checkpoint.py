@@ -25,7 +25,7 @@ from .conftest import COARSE
 pytestmark = pytest.mark.faults
 FLAGS = (
     *COARSE,
-    *("--start_scale", "0.5", "--fit.checkpoint_every_s", "0.1"),
+    *("--start_scale", "0.5", "--experiment.checkpoint_every_s", "0.1"),
     *("--experiment.splat_iterations", "3", "--splats.max_count", "100"),
 )
 CHECKPOINT = "checkpoint.npz"

@@ -70,7 +70,7 @@ def test_pixels_that_an_arm_hides_do_not_count(case: tuple[Prepared, Recovery]) 
 def test_a_missing_lpips_is_stated_in_the_notes(case: tuple[Prepared, Recovery]) -> None:
     judged = Judge.of(build({}), device="cpu").judged(case[1], case[0])
     assert "lpips_masked" not in judged.metrics
-    assert any("metrics.lpips_weights" in note for note in judged.notes)
+    assert any("experiment.lpips_weights" in note for note in judged.notes)
 
 
 def test_lpips_stands_beside_the_frozen_first_frames(case: tuple[Prepared, Recovery], tmp_path: Path) -> None:
@@ -79,11 +79,11 @@ def test_lpips_stands_beside_the_frozen_first_frames(case: tuple[Prepared, Recov
     torch.save({f"features.{k}": v for k, v in network.state_dict().items()}, tmp_path / "backbone.pth")
     heads = [torch.ones(1, network[tap - 1].out_channels, 1, 1) for tap in TAPS["alex"]]
     torch.save({f"lin{k}.model.1.weight": head for k, head in enumerate(heads)}, tmp_path / "heads.pth")
-    settings = build({"metrics.lpips_weights": str(tmp_path)})
+    settings = build({"experiment.lpips_weights": str(tmp_path)})
     metrics = Judge.of(settings, device="cpu").judged(case[1], case[0]).metrics
     assert 0 < metrics["lpips_masked"] < metrics["lpips_masked_frozen_frame"]
 
 
 def test_a_folder_without_weights_is_refused_before_the_fit(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"metrics\.lpips_weights .* has no backbone\.pth"):
-        Judge.of(build({"metrics.lpips_weights": str(tmp_path)}), device="cpu")
+    with pytest.raises(InputError, match=r"experiment\.lpips_weights .* has no backbone\.pth"):
+        Judge.of(build({"experiment.lpips_weights": str(tmp_path)}), device="cpu")

@@ -18,7 +18,7 @@ from diffphys_ros.types import Camera, Clip, Splats
 from .test_solve import drive
 
 FRAMES = 9
-SETTINGS = build({"splats.refine_frames": 4})
+SETTINGS = build({"experiment.refine_frames": 4})
 
 
 def camera():
@@ -96,7 +96,7 @@ def discoloured():
 
 def test_carried_gaussians_show_the_clip(case):
     prepared, recovery = case
-    frames = finish(prepared, sheet(), recovery, build({"splats.refine_frames": 0}))[0].frames
+    frames = finish(prepared, sheet(), recovery, build({"experiment.refine_frames": 0}))[0].frames
     assert np.abs(frames.astype(float) - prepared.clip.frames)[prepared.clip.labels > 0].mean() < 2
 
 
@@ -132,7 +132,7 @@ def test_gaussians_that_cannot_get_better_are_kept(case):
 
 def test_without_frames_to_fit_nothing_is_done(case):
     prepared, recovery = case
-    before, _, after = finish(prepared, discoloured(), recovery, build({"splats.refine_frames": 0}))
+    before, _, after = finish(prepared, discoloured(), recovery, build({"experiment.refine_frames": 0}))
     assert after is before
 
 

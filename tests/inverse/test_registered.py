@@ -29,5 +29,5 @@ def test_a_new_law_and_a_new_schedule_are_known_by_one_line_each(monkeypatch, ca
 
 
 def test_a_misspelt_schedule_is_answered_with_the_known_ones_before_the_work_begins(made_clip):
-    with pytest.raises(InputError, match=r"experiment.schedule: 'liner' is unknown; choose one of auto, modes, joint, linear, paper$"):
+    with pytest.raises(InputError, match=r"experiment.schedule: 'liner' is unknown; choose one of auto, modes, joint, linear, paper"):
         next(prepare(made_clip, build({"experiment.schedule": "liner"})))

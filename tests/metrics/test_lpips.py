@@ -117,9 +117,9 @@ def test_a_pickle_that_would_run_code_is_refused(files, tmp_path: Path, monkeypa
 
 
 def test_files_of_another_network_are_refused(files, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"metrics\.lpips_weights.*give torchvision's state dict"):
+    with pytest.raises(InputError, match=r"experiment\.lpips_weights.*give torchvision's state dict"):
         Lpips(files[4], files[4])
-    with pytest.raises(InputError, match=r"metrics\.lpips_weights.*the network of backbone"):
+    with pytest.raises(InputError, match=r"experiment\.lpips_weights.*the network of backbone"):
         Lpips(files[3], files[3])
     with pytest.raises(InputError, match="there is no such file"):
         Lpips(tmp_path / "missing.pth", files[4])
@@ -127,7 +127,7 @@ def test_files_of_another_network_are_refused(files, tmp_path: Path) -> None:
 
 def test_a_folder_holds_both_files_by_their_names(files, tmp_path: Path) -> None:
     shutil.copy(files[3], tmp_path / "backbone.pth")
-    with pytest.raises(InputError, match=r"metrics\.lpips_weights .* has no heads\.pth or heads\.safetensors; put backbone and heads of one network there"):
+    with pytest.raises(InputError, match=r"experiment\.lpips_weights .* has no heads\.pth or heads\.safetensors; put backbone and heads of one network there"):
         Lpips.of(tmp_path)
     shutil.copy(files[4], tmp_path / "heads.pth")
     a, b = images()
@@ -156,5 +156,5 @@ def test_an_empty_mask_is_refused(files) -> None:
 )
 def test_weights_of_another_shape_are_refused(files, tmp_path: Path, change) -> None:
     torch.save(change(torch.load(files[3], weights_only=True)), tmp_path / "net.pth")
-    with pytest.raises(InputError, match=r"metrics\.lpips_weights .*; give (torchvision's|the published) state dict"):
+    with pytest.raises(InputError, match=r"experiment\.lpips_weights .*; give (torchvision's|the published) state dict"):
         Lpips(tmp_path / "net.pth", files[4])

@@ -21,8 +21,8 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 FEW = """
 fit: {iterations: 3}
 particles: {cells: 2}
-splats: {max_count: 300, refine_frames: 2}
-experiment: {per_cell: 2.0, splat_iterations: 3}
+splats: {max_count: 300}
+experiment: {per_cell: 2.0, splat_iterations: 3, refine_frames: 2}
 """
 
 FRAMES = 26  # of the half sample; its force ends with frame 10

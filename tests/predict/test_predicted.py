@@ -28,8 +28,8 @@ from tests.quick_batch import QUICK_FLAGS, QUICK_WORDS
 from tools.sample_maker.messages import clip_messages
 
 FITTED, KEPT_BACK = 26, 10  # of the sample's 36 frames; its force ends with frame 10
-FLAGS = QUICK_FLAGS | {"splats.refine_frames": 0, "frames.fit": FITTED, "frames.predict": KEPT_BACK}
-WORDS = (*QUICK_WORDS, "--splats.refine_frames", "0", "--frames.fit", str(FITTED), "--frames.predict", str(KEPT_BACK))
+FLAGS = QUICK_FLAGS | {"experiment.refine_frames": 0, "frames.fit": FITTED, "frames.predict": KEPT_BACK}
+WORDS = (*QUICK_WORDS, "--experiment.refine_frames", "0", "--frames.fit", str(FITTED), "--frames.predict", str(KEPT_BACK))
 
 
 @dataclass(frozen=True)

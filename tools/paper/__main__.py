@@ -51,7 +51,7 @@ def _options(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--device", default="auto", help="fit.device")
     parser.add_argument("--only", nargs="*", choices=[variant.name for variant in VARIANTS], help="these rows alone")
-    parser.add_argument("--lpips", type=Path, help="folder of the weights, metrics.lpips_weights")
+    parser.add_argument("--lpips", type=Path, help="folder of the weights, experiment.lpips_weights")
     return parser.parse_args(words)
 
 
