@@ -60,6 +60,16 @@ class _Frame(torch.autograd.Function):
         return None, data_bar, *(bar.clone() if needed else None for bar, needed in bars)
 
 
+def _check(law: str, force_on: str, substeps: int, batch: int | None) -> None:
+    """Raises InputError for names and counts that a simulator cannot have."""
+    _check_name("law", law, LAWS)
+    _check_name("force_on", force_on, FORCE_ON)
+    if substeps < 1:
+        raise InputError(f"substeps is {substeps}, must be at least 1; choose it with substeps_per_frame")
+    if batch is not None and batch < 1:
+        raise InputError(f"batch is {batch}, must be at least 1; leave it out for one simulation")
+
+
 def _check_name(kind: str, value: str, known: Iterable[str]) -> None:
     if value not in known:
         close = difflib.get_close_matches(value, list(known), 1, 0.4)
@@ -115,12 +125,7 @@ class Simulator:
         so that x and F stay one motion however long it lasts. Where they do not, weights move along: what flows and what
         planes or a handle hold needs that, what may leave its planes again does not. None: anchored where possible and where there are ANCHORED_PER_CELL particles. Raises InputError.
         """
-        _check_name("law", law, LAWS)
-        _check_name("force_on", force_on, FORCE_ON)
-        if substeps < 1:
-            raise InputError(f"substeps is {substeps}, must be at least 1; choose it with substeps_per_frame")
-        if batch is not None and batch < 1:
-            raise InputError(f"batch is {batch}, must be at least 1; leave it out for one simulation")
+        _check(law, force_on, substeps, batch)
         self.particles, self.grid, self.substeps, self.period_s = particles, grid, int(substeps), float(period_s)
         self.batch, self._lead = batch or 1, () if batch is None else (batch,)
         self.options: dict[str, Any] = {"dtype": dtype, "device": torch.device(device)}
@@ -141,21 +146,13 @@ class Simulator:
         self.borders = Borders(tuple(planes), handle)
         self.anchored = self._check_anchored(anchored)
         self._standing = self._stand()
-        self.replay = Replay(
-            self.x_rest,
-            self.volume,
-            float(particles.mass.mean()),
-            grid,
-            batch=self.batch,
-            substeps=self.substeps,
-            period_s=self.period_s,
-            law=law,
-            nodal=self.nodal,
-            anchored=self.anchored,
-            borders=self.borders,
-            budget=memory_budget_mb * 2**20,
-            frames=frames,
-        )
+        self.replay = self._replay(law, memory_budget_mb * 2**20, frames)
+
+    def _replay(self, law: str, budget: float, frames: int) -> Replay:
+        """What launches the substeps, with `budget` bytes for what it keeps."""
+        sizes: dict[str, Any] = {"batch": self.batch, "substeps": self.substeps, "period_s": self.period_s, "budget": budget, "frames": frames}
+        kind: dict[str, Any] = {"law": law, "nodal": self.nodal, "anchored": self.anchored, "borders": self.borders}
+        return Replay(self.x_rest, self.volume, float(self.particles.mass.mean()), self.grid, **sizes, **kind)
 
     def tensor(self, values: np.ndarray | Tensor | Sequence[float] | float) -> Tensor:
         """Values in the simulator's scalar type, on its device."""
