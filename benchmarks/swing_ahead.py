@@ -16,7 +16,7 @@ import numpy as np
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.config import Settings
-from diffphys_ros.elements.plane import Plane
+from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse.outlined import Outlined, outlined
 from diffphys_ros.inverse.swing import MOST_FIRST, Follower
 from diffphys_ros.progress import finished
@@ -39,7 +39,7 @@ class Film:
         start, _ = start_values(seen.body, seen.tracks, seen.clip.period_s, seen.settings, camera=seen.clip.camera)
         self.hz, self.period_s = float(start.observed_hz[0]), seen.whole.period_s
         specific = float(start.young[0] / seen.body.density[0])
-        self.follower = Follower.of(Plane.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
+        self.follower = Follower.of(FlatSolid.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
         self.half = len(seen.whole) // 2 - MOST_FIRST // 2
         self.end = min(len(seen.whole) - MOST_FIRST // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
         poses = self.follower.poses(self.end + MOST_FIRST // 2)

@@ -180,10 +180,10 @@ for name in {FRONT_END_ONLY!r}:
 for name in {solver_modules()!r}:
     importlib.import_module(name)
 import torch
-from diffphys_ros.splats.descent import Plan, ShrinkingAdam
+from diffphys_ros.splats.descent import DescentPlan, ShrinkingAdam
 class One:
     unknowns = {{"color": torch.ones(3, requires_grad=True)}}
-descent = ShrinkingAdam(Plan(2, {{"color": 0.1}}, 0.1, 0.0, 0))
+descent = ShrinkingAdam(DescentPlan(2, {{"color": 0.1}}, 0.1, 0.0, 0))
 descent.begin(One)
 descent.step(One.unknowns["color"].sum())
 sys.modules["diffphys_ros.inverse.solve"]._repeatable("cpu")

@@ -14,7 +14,7 @@ from ..types import Body, Clip, object_mask
 from .leaving import with_edge
 from .silhouette import nearest
 from .solid import Solid, solid_of
-from .view import View, mask_with_depth, view_of
+from .view import FrontView, mask_with_depth, view_of
 
 WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is known
 POISSON_RATIO = 0.3  # assumed where it is not known
@@ -49,14 +49,14 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     return replace(body, sources=body.sources | {"clamp": seen}) if seen else body
 
 
-def _parts(labels: np.ndarray, view: View, inside: np.ndarray) -> np.ndarray:
+def _parts(labels: np.ndarray, view: FrontView, inside: np.ndarray) -> np.ndarray:
     """Part numbers (nx, ny) uint8 read from the label image under the front, extended to the nearest part."""
     value = nearest(labels, view.front_pixels()[0])
     known = inside & object_mask(value)
     return nearest_known(value, known).astype(np.uint8) if known.any() else np.ones(inside.shape, np.uint8)
 
 
-def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:
+def _described(scene: Scene, clip: Clip, view: FrontView, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:
     parts = max(int(part[solid.inside].max()), 1)
     if lacking := np.setdiff1d(np.arange(1, parts + 1), part[solid.inside]).tolist():
         raise InputError(
@@ -80,7 +80,7 @@ def _described(scene: Scene, clip: Clip, view: View, pose: np.ndarray, solid: So
     )
 
 
-def _root_source(solid: Solid, view: View) -> dict[str, str]:
+def _root_source(solid: Solid, view: FrontView) -> dict[str, str]:
     lean, said = view.lean, []
     if lean:
         said.append(f"the object's outline ends on a line that leans {abs(np.rad2deg(lean)):.0f} degrees off the box face, which is taken for the held face")

@@ -10,7 +10,7 @@ import numpy as np
 from ..config import Scene
 from ..errors import InputError
 from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, smoothed, surface_height, tidy
-from .view import View
+from .view import FrontView
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
 THINNEST = 0.15  # of the half thickness where it does not recede: a thinner rim is left out, it carries no load; a thin strand does
@@ -30,7 +30,7 @@ class Solid:
     short_m: float = 0.0  # how far the outline ended before the clamped plane, to which it is continued [m]
 
 
-def solid_of(view: View, scene: Scene) -> Solid:
+def solid_of(view: FrontView, scene: Scene) -> Solid:
     """The solid that a view shows. Raises InputError where nothing of it faces the thickness axis."""
     inside, height = _front(view, scene)
     if not inside.any():
@@ -45,7 +45,7 @@ def solid_of(view: View, scene: Scene) -> Solid:
     return Solid(inside, np.where(inside, half, 0.0), view.front - float(full.max()), short * view.raster.pitch_m)
 
 
-def _front(view: View, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def _front(view: FrontView, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Silhouette (nx, ny) and height [m] of the front as far as it is seen."""
     thickness = scene.thickness_m or 0.0
     if view.measured is None:
@@ -56,7 +56,7 @@ def _front(view: View, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return tidy(inside & before_middle), height
 
 
-def _with_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
+def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """The silhouette continued to the clamp plane within the box's width, where it is hidden or stops short by a few pixels; where all of it
     stops further off, from there, and how far that is [cells]. Raises InputError where nothing of it lies in front of the box."""
     assert view.clamp is not None
@@ -72,7 +72,7 @@ def _with_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + tolerance, tolerance=short + tolerance), inside), short
 
 
-def _with_straight_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int]:
+def _with_straight_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """The silhouette continued straight from the line that was drawn for the clamp, and from the picture's edge, to the clamped plane; and 0
     cells. Raises InputError where nothing of it lies at that line."""
     assert view.clamp is not None
@@ -82,7 +82,7 @@ def _with_straight_root(view: View, inside: np.ndarray) -> tuple[np.ndarray, int
     return np.where(np.arange(len(inside))[:, None] < first, inside[first], inside), 0
 
 
-def _occluded(view: View) -> np.ndarray:
+def _occluded(view: FrontView) -> np.ndarray:
     """Cells (nx, ny) of the front before which something else stands; all of them where no depth can tell."""
     if view.measured is None:
         return np.ones(view.raster.shape, bool)

@@ -25,7 +25,7 @@ TOP_NOISE = 5.0  # standard deviations below it that are still the same level
 
 
 @dataclass(frozen=True)
-class View:
+class FrontView:
     """One image of the object and the raster on which its solid is drawn."""
 
     source: str  # name of the clip, for messages
@@ -53,7 +53,7 @@ def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:
     return object_mask(labels) & (depth0 > 0)
 
 
-def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0, soft: np.ndarray | None = None) -> View:
+def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behind_px: float = 0.0, soft: np.ndarray | None = None) -> FrontView:
     """The view of frame 0; a clamp that was drawn as a line lies so far behind it. `soft` (H, W) is the share of
     each pixel that the object covers, where that is known better than from frame 0. Raises InputError where the mask is too small or the clamp does not fit."""
     v, u = np.nonzero(mask)
@@ -77,7 +77,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
         lean = lean_of_end(on_front(seen, (clip.camera.position - pose[:3, 3]) @ pose[:3, :3], front, below), footprint, float(np.abs(pose[:3, 1]) @ clamp.half_size))
         pose = leaning(pose, lean) if lean else pose
         seen = (points - pose[:3, 3]) @ pose[:3, :3]
-    return View(
+    return FrontView(
         source=clip.source or "clip",
         camera=clip.camera,
         soft=coverage(clip.frames[0], mask) if soft is None else soft,

@@ -15,7 +15,7 @@ import numpy as np
 from .. import store
 from ..errors import InputError, shown
 from ..types import Camera
-from .structure import Lens
+from .structure import PictureCamera
 
 CAPTURE, SCENE, OBJECT, SPARSE = "capture.npz", "scene.ply", "object.ply", "sfm"
 PICTURES, MODEL, DATABASE, STAMP = "pictures", "model", "features.db", "made_of.json"  # in SPARSE
@@ -81,7 +81,7 @@ def finish(work: Path, out: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def stamp_of(folder: Path, lenses: Sequence[Lens], settings: Mapping[str, Any]) -> str:
+def stamp_of(folder: Path, lenses: Sequence[PictureCamera], settings: Mapping[str, Any]) -> str:
     """What a reconstruction was made of: pictures, cameras and settings, as text."""
     digest = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for lens in lenses for name in lens.names}
     known = [[lens.model, None if lens.pixel_from_camera is None else lens.pixel_from_camera.tolist()] for lens in lenses]

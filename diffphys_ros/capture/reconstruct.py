@@ -28,7 +28,7 @@ from .structure import (
     EXHAUSTIVE_UP_TO,
     LONE_MODEL,
     MODELS,
-    Lens,
+    PictureCamera,
     Structure,
     find_features,
     match,
@@ -93,7 +93,7 @@ def describe(structure: Structure) -> str:
     return f"{len(structure.placed)} pictures placed, {len(structure.points)} points, reprojection error {structure.error_px:.2f} px{lost}"
 
 
-def _write_pictures(images: Path, sparse: Path, settings: Settings, film: Clip | None, *, known: bool) -> list[Lens]:
+def _write_pictures(images: Path, sparse: Path, settings: Settings, film: Clip | None, *, known: bool) -> list[PictureCamera]:
     """Every picture as a file; the cameras that took them. `known`: the clip's intrinsics are not assumed."""
     target = sparse / places.PICTURES
     shutil.rmtree(target, ignore_errors=True)
@@ -106,7 +106,7 @@ def _write_pictures(images: Path, sparse: Path, settings: Settings, film: Clip |
         height, width = picture.image.shape[:2]
     model = MODELS[settings.capture.lens]
     if film is None:
-        return [Lens(tuple(names), width, height, model, matrix)]
+        return [PictureCamera(tuple(names), width, height, model, matrix)]
     _write_picture(target, Picture(CLIP_NAME, film.frames[0]))
     own = film.camera.pixel_from_camera if known else None
     if settings.capture.same_camera:
@@ -115,15 +115,15 @@ def _write_pictures(images: Path, sparse: Path, settings: Settings, film: Clip |
                 f"capture.same_camera: the pictures have {width}x{height} px, the clip {film.camera.width}x{film.camera.height} px, must be equal; "
                 "leave it out, or take the pictures with the clip's camera and size"
             )
-        return [Lens((*names, CLIP_NAME), width, height, model, matrix if own is None else own)]
-    return [Lens(tuple(names), width, height, model, matrix), Lens((CLIP_NAME,), film.camera.width, film.camera.height, LONE_MODEL, own)]
+        return [PictureCamera((*names, CLIP_NAME), width, height, model, matrix if own is None else own)]
+    return [PictureCamera(tuple(names), width, height, model, matrix), PictureCamera((CLIP_NAME,), film.camera.width, film.camera.height, LONE_MODEL, own)]
 
 
 def _write_picture(target: Path, picture: Picture) -> None:
     write_image(target / picture.name, picture.image)
 
 
-def _structure(sparse: Path, lenses: list[Lens], settings: Settings, needed: str | None) -> Generator[Progress, None, Structure]:
+def _structure(sparse: Path, lenses: list[PictureCamera], settings: Settings, needed: str | None) -> Generator[Progress, None, Structure]:
     """The sparse reconstruction, that of an earlier run where it was made of the same."""
     pictures, database, model = (sparse / name for name in (places.PICTURES, places.DATABASE, places.MODEL))
     names = [name for lens in lenses for name in lens.names]

@@ -30,7 +30,7 @@ LONE_MODEL = "SIMPLE_RADIAL"  # of a camera that took one picture only
 
 
 @dataclass(frozen=True)
-class Lens:
+class PictureCamera:
     """A camera that took some of the pictures."""
 
     names: tuple[str, ...]  # files in the folder of pictures
@@ -77,7 +77,7 @@ def colmap() -> ModuleType:
     return pycolmap
 
 
-def find_features(database: Path, folder: Path, lenses: Sequence[Lens]) -> Iterator[str]:
+def find_features(database: Path, folder: Path, lenses: Sequence[PictureCamera]) -> Iterator[str]:
     """Writes the SIFT features of every lens's pictures into a database that is made; yields each name when it is done."""
     pycolmap = colmap()
     extraction = pycolmap.FeatureExtractionOptions()
@@ -188,7 +188,7 @@ def write_image(path: Path, image: np.ndarray) -> None:
         raise InputError(f"capture {path}: the picture cannot be written; free space or choose another folder")
 
 
-def _camera_of(pycolmap: ModuleType, lens: Lens) -> Any:
+def _camera_of(pycolmap: ModuleType, lens: PictureCamera) -> Any:
     if lens.pixel_from_camera is None:
         return pycolmap.Camera.create_from_model_name(0, lens.model, FOCAL_OVER_WIDTH * max(lens.width, lens.height), lens.width, lens.height)
     k = lens.pixel_from_camera

@@ -53,7 +53,7 @@ def _drag(speed: np.ndarray, per_s: float, per_m: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Plane:
+class FlatSolid:
     """The mesh and what of it never changes."""
 
     nodes: np.ndarray  # without load [m], (N, 2)
@@ -63,7 +63,7 @@ class Plane:
     softens: float = 0.0  # share by which the modulus falls, over the strain
 
     @classmethod
-    def of(cls, body: Body) -> Plane:
+    def of(cls, body: Body) -> FlatSolid:
         """Of a body's silhouette, as deep everywhere; held at x = 0 where the body is clamped."""
         points, corners = triangulate(body, COARSER * element_size(body))
         first, second = points[corners[:, 1]] - points[corners[:, 0]], points[corners[:, 2]] - points[corners[:, 0]]

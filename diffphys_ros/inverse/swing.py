@@ -17,7 +17,7 @@ from ..types import Body, Clip, StartValues, Swing, object_mask
 from .yielding import CalmSwing, Yielding, fitted
 
 if TYPE_CHECKING:
-    from ..elements.plane import Plane
+    from ..elements.plane import FlatSolid
     from .outlined import Outlined
 
 SECONDS = 1.0  # that are predicted
@@ -38,13 +38,13 @@ LEAST_SWING_PX = 1.0  # of the tip: less is no large swing
 
 def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     """What the modulus of the calm part makes of the first second of the whole labelled clip; None where the body cannot be followed there."""
-    from ..elements.plane import Plane
+    from ..elements.plane import FlatSolid
 
     body = seen.body
     if not body.clamped:
         return None
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
-    follower = Follower.of(Plane.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
+    follower = Follower.of(FlatSolid.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
     first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
     count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
@@ -75,7 +75,7 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
 class Follower:
     """A flat body and the pictures that it is laid onto."""
 
-    plane: Plane  # without load
+    plane: FlatSolid  # without load
     whole: Clip
     load: np.ndarray
     specific: float  # E / density [m^2/s^2]
@@ -86,7 +86,7 @@ class Follower:
     from_rest: int  # frame in which it passes rest
 
     @classmethod
-    def of(cls, plane: Plane, whole: Clip, seen: Outlined, specific: float, body: Body) -> Follower:
+    def of(cls, plane: FlatSolid, whole: Clip, seen: Outlined, specific: float, body: Body) -> Follower:
         """Its levels are those of the calm part's first frame."""
         from ..outline import edge_levels
 

@@ -26,7 +26,7 @@ from .cuda_composite import (
 from .cuda_tiles import SCAN_BLOCK, TILE_PX, list_pairs, place_lists, sort_lists
 from .project import project, project_backward, sum_frames
 from .scene import Rendered, Scene, Tensors
-from .step import BLOCK, FLOAT, INT, KEY, Place, Step, addresses, stream_of
+from .step import BLOCK, FLOAT, INT, KEY, Place, RecordedLaunch, addresses, stream_of
 from .view import View
 
 BYTES = 4  # of a float or an int
@@ -45,16 +45,16 @@ class _Steps:
     """All launches for one number of frames and Gaussians."""
 
     tiles: int
-    project: Step
-    place: Step
-    list: Step
-    sort: Step
-    composite: Step
-    backward: Step
-    backward_by_pair: Step
-    sum_pairs: Step
-    project_backward: Step
-    sum_frames: Step
+    project: RecordedLaunch
+    place: RecordedLaunch
+    list: RecordedLaunch
+    sort: RecordedLaunch
+    composite: RecordedLaunch
+    backward: RecordedLaunch
+    backward_by_pair: RecordedLaunch
+    sum_pairs: RecordedLaunch
+    project_backward: RecordedLaunch
+    sum_frames: RecordedLaunch
 
 
 class _Kept(NamedTuple):
@@ -151,8 +151,8 @@ class CudaChain:
         tiles, window = frames * columns * rows, (self.view.width, self.view.height, columns, rows)
         device, grid = wp.device_from_torch(self.device), (gaussians, columns, rows)
 
-        def step(kernel: wp.Kernel, threads: int, numbers: Sequence[Any], *arrays: Any, block: int = BLOCK) -> Step:
-            return Step(kernel, threads, numbers, arrays, device, block_dim=block)
+        def step(kernel: wp.Kernel, threads: int, numbers: Sequence[Any], *arrays: Any, block: int = BLOCK) -> RecordedLaunch:
+            return RecordedLaunch(kernel, threads, numbers, arrays, device, block_dim=block)
 
         def row(length: int, *widths: int) -> list[Any]:
             return [(vec.get(w, FLOAT), length) for w in widths]

@@ -7,7 +7,7 @@ from functools import lru_cache
 import torch
 import warp as wp
 
-from .step import BLOCK, Step, addresses, stream_of
+from .step import BLOCK, RecordedLaunch, addresses, stream_of
 
 KNOWN_SIZES = 256  # numbers of frames and Gaussians, and cameras, for which launches are kept
 DEGREES = {1: 0, 4: 1, 9: 2, 16: 3}  # of so many coefficients
@@ -88,4 +88,4 @@ def _step(mean, coefficients, eye, adjoint=False):
 @lru_cache(KNOWN_SIZES)
 def _recorded(frames, gaussians, degree, eye, device, adjoint):
     numbers, arrays = [frames, gaussians, degree, wp.vec3(*eye)], [wp.vec3] * (6 if adjoint else 3)
-    return Step(shade_frames, gaussians, numbers, arrays, wp.device_from_torch(device), adjoint=adjoint, block_dim=BLOCK)
+    return RecordedLaunch(shade_frames, gaussians, numbers, arrays, wp.device_from_torch(device), adjoint=adjoint, block_dim=BLOCK)

@@ -16,7 +16,7 @@ INT, KEY, FLOAT = wp.int32, wp.int64, wp.float32
 Place = int | tuple[int, int]  # address of an array, 0 where it is missing; where its length matters, that too
 
 
-class Step:
+class RecordedLaunch:
     """A launch of a kernel that takes numbers first and then arrays. A call says where the arrays lie."""
 
     def __init__(self, kernel: wp.Kernel, threads: int, numbers: Sequence[Any], arrays: Sequence[Any], device: Any, **options: Any) -> None:

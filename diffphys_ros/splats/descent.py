@@ -19,7 +19,7 @@ TOGETHER = {"cpu": 1, "cuda": 4}  # most views in one step, where they share a c
 
 
 @dataclass(frozen=True)
-class Plan:
+class DescentPlan:
     """How long, with which steps and towards how many Gaussians."""
 
     iterations: int
@@ -31,7 +31,7 @@ class Plan:
 
 
 def descend(
-    what: AnyPrimitives, groups: list[Group], plan: Plan, *, settled: Callable[[AnyPrimitives], AnyPrimitives] = lambda what: what
+    what: AnyPrimitives, groups: list[Group], plan: DescentPlan, *, settled: Callable[[AnyPrimitives], AnyPrimitives] = lambda what: what
 ) -> Generator[tuple[int, int, float], None, AnyPrimitives]:
     """Gaussians with unknowns that require gradients, fitted to all views; yields (iteration, iterations, loss). Steps change the unknowns
     in place. `settled` may change what the fit does not, whenever the number of Gaussians has changed."""
@@ -97,7 +97,7 @@ class ShrinkingAdam:
 
     MEAN, SQUARE, TINY = 0.9, 0.999, 1e-15  # what is kept of the running means at a step; floor of the divisor
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: DescentPlan) -> None:
         self._rates, self._last, self._iterations = plan.rates, plan.last_rate, plan.iterations
 
     def begin(self, what: Primitives, iteration: int = 0) -> None:

@@ -11,7 +11,7 @@ import torch
 from ..config import Settings
 from ..errors import InputError
 from ..types import Camera, Splats, object_mask
-from .descent import Plan, descend
+from .descent import DescentPlan, descend
 from .discs import Discs, discs_of, gaussians
 from .group import Group, cropped
 from .ply import canonical
@@ -45,7 +45,7 @@ def fit_splats(
     known = np.where(mask & np.isfinite(depth0) & (depth0 > 0), depth0, 0).astype(np.float32)
     depth = torch.as_tensor(np.ascontiguousarray(cropped(known, group.window)), device=device)
     counts = {round(share * iterations): count for share in SPLIT_AT}
-    plan = Plan(iterations, RATES, LAST_RATE, settings.experiment.ssim_weight, settings.experiment.seed, counts)
+    plan = DescentPlan(iterations, RATES, LAST_RATE, settings.experiment.ssim_weight, settings.experiment.seed, counts)
     discs = yield from descend(discs, [group], plan, settled=lambda discs: _onto_depth(discs, group, depth))
     with torch.no_grad():
         return canonical(as_splats(gaussians(discs, camera)))

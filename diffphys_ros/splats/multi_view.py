@@ -8,7 +8,7 @@ import numpy as np
 
 from ..config import Settings
 from ..types import Splats
-from .descent import ASKED, Plan, descend
+from .descent import ASKED, DescentPlan, descend
 from .ellipsoids import ellipsoids_of, to_splats
 from .group import groups_of
 from .ply import canonical
@@ -47,7 +47,7 @@ def fit_views(
         count = max(settings.splats.max_count or _chosen(views), len(start.mean))
     rates = {name: (NEAR_RATE if near else 1.0) * rate for name, rate in RATES.items()}
     counts = {} if near else _growing(len(start.mean), count, iterations)
-    plan = Plan(iterations, rates, LAST_RATE, settings.experiment.ssim_weight, settings.experiment.seed, counts)
+    plan = DescentPlan(iterations, rates, LAST_RATE, settings.experiment.ssim_weight, settings.experiment.seed, counts)
     return canonical(to_splats((yield from descend(ellipsoids_of(start, device), groups_of(views, device), plan))))
 
 

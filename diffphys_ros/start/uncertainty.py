@@ -25,7 +25,9 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     parts = len(physics.young)
     excess = excess_of(tail, physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
-    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :]) * np.sqrt(np.diag(covariance)[:parts]) / np.log(10.0)
+    variance = np.diag(covariance)[:parts]
+    variance = np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
+    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :]) * np.sqrt(variance) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diffphys_ros.elements.plane import DivergedError, Plane
+from diffphys_ros.elements.plane import DivergedError, FlatSolid
 from diffphys_ros.types import Body
 
 LENGTH, WIDTH, SPECIFIC, GRAVITY = 0.1, 0.01, 100.0, 9.81
@@ -24,34 +24,34 @@ def bar(length: float = LENGTH, width: float = WIDTH, cells: int = 40) -> Body:
 
 
 @pytest.fixture(scope="module")
-def plane() -> Plane:
-    return Plane.of(bar())
+def plane() -> FlatSolid:
+    return FlatSolid.of(bar())
 
 
-def still(plane: Plane) -> np.ndarray:
+def still(plane: FlatSolid) -> np.ndarray:
     return np.zeros(2 * len(plane.nodes))
 
 
-def test_it_swings_as_a_beam_with_shear_and_rotation(plane: Plane) -> None:
+def test_it_swings_as_a_beam_with_shear_and_rotation(plane: FlatSolid) -> None:
     thin = 1.8751041**2 / (2 * np.pi) * np.sqrt(SPECIFIC * WIDTH**2 / 12) / LENGTH**2
     slender = WIDTH**2 / 12 / LENGTH**2 * 4.648 * (1 + 2.6 / 0.85)
     assert plane.frequency(SPECIFIC, still(plane)) == pytest.approx(thin / np.sqrt(1 + slender), rel=0.006)
 
 
-def test_gravity_stiffens_what_hangs_by_its_own_share(plane: Plane) -> None:
+def test_gravity_stiffens_what_hangs_by_its_own_share(plane: FlatSolid) -> None:
     hanging = plane.frequency(SPECIFIC, plane.weight(np.array([GRAVITY, 0.0])))
     square = hanging**2 - plane.frequency(SPECIFIC, still(plane)) ** 2
     assert square == pytest.approx(1.571 * GRAVITY / LENGTH / (2 * np.pi) ** 2, rel=0.04)  # Rayleigh, with the mode of a beam without weight
 
 
-def test_a_rigid_turn_strains_nothing(plane: Plane) -> None:
+def test_a_rigid_turn_strains_nothing(plane: FlatSolid) -> None:
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     forces, _ = plane.inner((plane.nodes @ turn.T - plane.nodes).ravel())
     assert np.abs(forces).max() < 1e-12
 
 
 @pytest.mark.parametrize("softens", [0.0, 8.0])
-def test_the_tangent_is_the_slope_of_the_forces(plane: Plane, softens: float) -> None:
+def test_the_tangent_is_the_slope_of_the_forces(plane: FlatSolid, softens: float) -> None:
     plane = replace(plane, softens=softens)
     rng = np.random.default_rng(0)
     u, direction = (3e-4 * rng.standard_normal(2 * len(plane.nodes)) for _ in range(2))
@@ -60,14 +60,14 @@ def test_the_tangent_is_the_slope_of_the_forces(plane: Plane, softens: float) ->
     assert plane.inner(u)[1] @ direction == pytest.approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
 
 
-def test_a_load_is_carried_by_the_clamp(plane: Plane) -> None:
+def test_a_load_is_carried_by_the_clamp(plane: FlatSolid) -> None:
     load = plane.weight(np.array([GRAVITY, 1.0]))
     forces = SPECIFIC * plane.inner(plane.balanced(SPECIFIC, load, still(plane)))[0]
     carried = (load - forces).reshape(-1, 2)[plane.held].sum(0)
     assert carried == pytest.approx(LENGTH * WIDTH * np.array([GRAVITY, 1.0]), rel=0.01)
 
 
-def test_a_free_swing_keeps_its_energy_and_drag_takes_its_share(plane: Plane) -> None:
+def test_a_free_swing_keeps_its_energy_and_drag_takes_its_share(plane: FlatSolid) -> None:
     load = plane.weight(np.array([GRAVITY, 0.0]))
     rest = plane.balanced(SPECIFIC, load, still(plane))
     hz, shape = plane.slowest(SPECIFIC, load, rest)
@@ -81,7 +81,7 @@ def test_a_free_swing_keeps_its_energy_and_drag_takes_its_share(plane: Plane) ->
     assert ratio[1] / ratio[0] == pytest.approx(np.exp(-0.5 * 2.0 * 2 / hz), rel=0.01)
 
 
-def test_an_element_that_is_turned_inside_out_is_refused_and_never_entered(plane: Plane) -> None:
+def test_an_element_that_is_turned_inside_out_is_refused_and_never_entered(plane: FlatSolid) -> None:
     crushed = still(plane)
     crushed[::2] = -1.5 * plane.nodes[:, 0]
     with pytest.raises(DivergedError, match="inside out"):
@@ -90,7 +90,7 @@ def test_an_element_that_is_turned_inside_out_is_refused_and_never_entered(plane
     plane.inner(pressed)  # is sound
 
 
-def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: Plane) -> None:
+def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: FlatSolid) -> None:
     """Pulled along by a twentieth of its length at the clamp, on the mean a fortieth."""
     load = plane.weight(np.array([0.05 * SPECIFIC / LENGTH, 0.0]))
     tip = 2 * int(plane.nodes[:, 0].argmax())
@@ -98,7 +98,7 @@ def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: Plane) -> No
     assert stretch[1] / stretch[0] == pytest.approx(1 + 0.5 * 2 / 3 * 0.05, abs=0.004)
 
 
-def test_drag_of_squared_speed_brakes_what_is_fast(plane: Plane) -> None:
+def test_drag_of_squared_speed_brakes_what_is_fast(plane: FlatSolid) -> None:
     """As in a vacuum without weight or stiffness: 1 / v grows by drag times time."""
     speed = np.zeros(2 * len(plane.nodes))
     speed[1::2] = 2.0

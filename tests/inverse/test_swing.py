@@ -9,7 +9,7 @@ import pytest
 
 from diffphys_ros import config
 from diffphys_ros.bags.camera import camera_from_fov
-from diffphys_ros.elements.plane import Plane
+from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse import prepare
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.outline import covered
@@ -23,7 +23,7 @@ SIZE = (128, 150)
 
 
 def film() -> Clip:
-    plane = Plane.of(bar(LENGTH, WIDTH))
+    plane = FlatSolid.of(bar(LENGTH, WIDTH))
     load = plane.weight(np.array([9.81, 0.0]))
     rest = plane.balanced(SPECIFIC, load, np.zeros(2 * len(plane.nodes)))
     pulled = plane.balanced(SPECIFIC, load + plane.weight(np.array([0.0, PUSH])), rest)

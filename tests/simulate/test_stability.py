@@ -10,7 +10,7 @@ import torch
 
 from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.simulate import Simulator, State, max_young, substeps_per_frame
-from diffphys_ros.simulate.run.sizes import Plan
+from diffphys_ros.simulate.run.sizes import TapePlan
 
 from .bodies import block, full, simulator
 
@@ -113,14 +113,14 @@ def test_a_misspelt_name_is_answered_with_the_known_one(option, value, hint):
 
 @pytest.mark.parametrize("substeps", [1, 2, 60, 351, 2000])
 def test_a_small_budget_keeps_about_two_roots_of_the_substeps(substeps):
-    plan = Plan.within(0, substeps=substeps, state=1, velocity=1)
+    plan = TapePlan.within(0, substeps=substeps, state=1, velocity=1)
     assert plan.states <= 2 * math.sqrt(substeps) + 3
     assert plan.chunk * max(plan.marks, 1) >= substeps
 
 
 def test_a_larger_budget_keeps_states_then_velocities_then_frames():
     def level(budget: float) -> tuple[int, bool, int]:
-        plan = Plan.within(budget, substeps=60, state=96, velocity=32)
+        plan = TapePlan.within(budget, substeps=60, state=96, velocity=32)
         return plan.chunk, plan.keep_velocity, plan.kept
 
     states, whole = 61 * 96, 61 * 96 + 60 * 32
@@ -129,7 +129,7 @@ def test_a_larger_budget_keeps_states_then_velocities_then_frames():
 
 def test_a_few_frames_of_many_are_not_kept():
     whole = 61 * 96 + 60 * 32
-    kept = [Plan.within(5 * whole, substeps=60, state=96, velocity=32, frames=frames).kept for frames in (0, 5, 25, 26, 500)]
+    kept = [TapePlan.within(5 * whole, substeps=60, state=96, velocity=32, frames=frames).kept for frames in (0, 5, 25, 26, 500)]
     assert kept == [5, 5, 5, 1, 1]
 
 

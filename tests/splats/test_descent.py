@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from diffphys_ros.splats import View
-from diffphys_ros.splats.descent import Plan, descend
+from diffphys_ros.splats.descent import DescentPlan, descend
 from diffphys_ros.splats.discs import discs_of
 from diffphys_ros.splats.ellipsoids import ellipsoids_of
 from diffphys_ros.splats.fit import RATES as DISCS
@@ -33,7 +33,7 @@ def start(request):
 def fitted(start, counts, iterations=8):
     """Losses and Gaussians."""
     what, rates = start
-    steps, losses = descend(what.leaves(), groups_of([VIEW], "cpu"), Plan(iterations, rates, 0.1, 0.2, 0, counts)), []
+    steps, losses = descend(what.leaves(), groups_of([VIEW], "cpu"), DescentPlan(iterations, rates, 0.1, 0.2, 0, counts)), []
     while True:
         try:
             losses.append(next(steps)[2])
@@ -66,7 +66,7 @@ def test_what_the_fit_does_not_change_is_settled_whenever_the_number_changes(sta
         return what
 
     what, rates = start
-    list(descend(what, groups_of([VIEW], "cpu"), Plan(6, rates, 0.1, 0.2, 0, {2: 95, 4: 99}), settled=settled))
+    list(descend(what, groups_of([VIEW], "cpu"), DescentPlan(6, rates, 0.1, 0.2, 0, {2: 95, 4: 99}), settled=settled))
     assert asked == [95, 99]
 
 
@@ -75,7 +75,7 @@ def test_steps_shrink_to_the_last_rate(start):
     what, rates = start
     groups, moved = groups_of([VIEW], "cpu"), []
     for last in (1.0, 1e-6):
-        steps = descend(what.leaves(), groups, Plan(10, rates, last, 0.2, 0))
+        steps = descend(what.leaves(), groups, DescentPlan(10, rates, last, 0.2, 0))
         while True:
             try:
                 next(steps)

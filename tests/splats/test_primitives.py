@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from diffphys_ros.splats.descent import Plan, ShrinkingAdam
+from diffphys_ros.splats.descent import DescentPlan, ShrinkingAdam
 
 RATES, LAST, ITERATIONS = {"color": 0.005, "place": 0.1}, 0.1, 20
 
@@ -33,7 +33,7 @@ def loss_of(what: Spots, k: int) -> torch.Tensor:
 
 def test_steps_are_those_of_torchs_adam() -> None:
     ours, theirs, begun = spots(), spots(), 3
-    descent = ShrinkingAdam(Plan(ITERATIONS, RATES, LAST, 0.0, 0))
+    descent = ShrinkingAdam(DescentPlan(ITERATIONS, RATES, LAST, 0.0, 0))
     descent.begin(ours, begun)
     share = LAST ** (begun / ITERATIONS)
     adam = torch.optim.Adam([{"params": [t], "lr": share * RATES[name]} for name, t in theirs.unknowns.items()], eps=1e-15)

@@ -163,6 +163,22 @@ def test_a_wrong_body_raises_the_alarm(seen):
     assert not found.identified.all()
 
 
+@pytest.mark.parametrize("how", ["bulging", "backwards"])
+def test_a_motion_of_a_shape_that_no_mode_has_tells_no_stiffness(body, seen, how):
+    """With one that bulges the fit would else claim a modulus .3 off; from one that moves most at the clamp next to nothing follows."""
+    moved, along = seen.points - seen.points[:1], seen.points[0, :, 0]
+    order = np.argsort(along)
+    if how == "bulging":
+        moved *= (1 + 0.6 * np.sin(3 * np.pi * along / LENGTH))[:, None]
+    else:
+        moved[:, order] = moved[:, order[::-1]]
+    points = seen.points[:1] + moved
+    found = start_values(body, replace(seen, points=points, pixels=camera().project(points)[0]), PERIOD_S, settings(at_rest=True))[0]
+    assert not found.identified.any()
+    assert all("differs from the fitted modes" in reason for reason in found.reasons)
+    assert np.isfinite(found.log10_young_sd).all()
+
+
 def test_a_simulated_two_part_beam_is_recovered(scenes):
     truth = dict(np.load(scenes / "beam_two_part" / "truth.npz"))
     pose = np.eye(4)

@@ -22,7 +22,7 @@ FEW, SMALL_BLOCK, BLOCK = 20_000, 32, 64  # particles up to which small blocks (
 
 
 @dataclass
-class View:
+class TapeArrays:
     """What a program works on."""
 
     scratch: Scratch
@@ -68,7 +68,7 @@ class Program(Protocol):
     """How the substeps of a tape are launched. `stride` is the distance of kept velocity grids, 0 where none are kept;
     boxes lie `room` nodes apart."""
 
-    def __init__(self, view: View): ...
+    def __init__(self, view: TapeArrays): ...
 
     def run(self, count: int, *, keep: bool, stride: int, room: int, enclose: bool) -> None:
         """`count` substeps from the state in slot 0; into slots 1, 2, .. with `keep`, else into 1 and 0 in turns. With
@@ -81,7 +81,7 @@ class Program(Protocol):
 class Serial:
     """One launch a simulation for all substeps: for the CPU, whose cores take simulations in turns."""
 
-    def __init__(self, view: View):
+    def __init__(self, view: TapeArrays):
         self.view = view
         self._recorded: dict[Any, list[wp.Launch]] = {}
 
@@ -127,7 +127,7 @@ def _pool() -> ThreadPoolExecutor:
 class Parallel:
     """A launch for each part of a substep, over all simulations: for CUDA, where a whole run is one graph."""
 
-    def __init__(self, view: View):
+    def __init__(self, view: TapeArrays):
         self.view = view
         self._graphs: dict[Any, Any] = {}
 

@@ -17,7 +17,7 @@ from ..substep.shared_inputs import Variant
 from .box import NO_FLAG, rest_nodes
 from .buffers import Inputs, Scratch
 from .launches import PROGRAMS
-from .sizes import NODE_VALUES, Plan
+from .sizes import NODE_VALUES, TapePlan
 from .tape import Tape
 
 BOX_ROOM = 1.5  # nodal arrays have room for boxes up to this times the largest so far
@@ -181,7 +181,7 @@ class Replay:
         s = self.scratch
         s.reserve(self.room)
         self.velocity_bytes = s.volume.element_size() * NODE_VALUES * s.pitch * s.batch * self.room
-        self.plan = Plan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes, frames=self.frames)
+        self.plan = TapePlan.within(self.budget, substeps=self.substeps, state=self.state_bytes, velocity=self.velocity_bytes, frames=self.frames)
         self._chunk_tape = None
         self._marks = s.volume.new_zeros(0)
 

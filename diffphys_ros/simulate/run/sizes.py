@@ -10,7 +10,7 @@ WORTH = 0.2  # share of a rollout's frames from which tapes of whole frames are 
 
 
 @dataclass(frozen=True)
-class Plan:
+class TapePlan:
     """Sizes of the tapes. A tape holds the states of `chunk` + 1 consecutive substeps.
 
     Three levels, by what fits the budget: states and nodal velocities of `kept` frames, which stay from the forward to the
@@ -25,7 +25,7 @@ class Plan:
     kept: int
 
     @classmethod
-    def within(cls, budget: float, *, substeps: int, state: int, velocity: int, frames: int = 0) -> Plan:
+    def within(cls, budget: float, *, substeps: int, state: int, velocity: int, frames: int = 0) -> TapePlan:
         """The plan for a budget and the sizes of one state and one velocity grid, all in bytes; `frames` of a rollout, where that is known."""
         states = (substeps + 1) * state
         whole = states + substeps * velocity

@@ -7,7 +7,7 @@ from torch import Tensor
 from ..state import WIDTH
 from ..substep.shared_inputs import Variant
 from .buffers import Scratch
-from .launches import Program, View
+from .launches import Program, TapeArrays
 
 
 class Tape:
@@ -18,7 +18,7 @@ class Tape:
         zeros, batch = scratch.volume.new_zeros, scratch.batch
         self.states = zeros(length + 1, batch, len(scratch.volume), WIDTH)
         self.velocity = zeros(length * batch * room * variant.pitch, 4)
-        self.program = program(View(scratch, self.states, self.velocity, variant))
+        self.program = program(TapeArrays(scratch, self.states, self.velocity, variant))
 
     def run(self, data: Tensor, start: int, stop: int, *, keep: bool, room: int, enclose: bool = False) -> Tensor:
         """States (B, P, 24) after substeps start .. stop - 1 from `data`; a view, which the next run overwrites. With `keep`
