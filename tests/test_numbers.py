@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).resolve().parent
 ROOT = PACKAGE.parent
-ROOMS = ("vibration", "start", "elements", "modes", "outline", "plainness.py", "segment/even.py", "segment/plain.py")
+ROOMS = ("vibration", "start", "elements", "modes", "outline", "plainness.py", "segment/even.py", "segment/plain.py", "inverse/outlined.py", "inverse/swing.py", "inverse/yielding.py")
 KINDS = ("chosen", "derived", "numerical")  # else a paper with its year, or a file of this repository that measures it
 TABLES = (ast.Tuple, ast.List, ast.Dict)
 

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from ..start.hang import Hung
     from ..tracks import CameraMotion
 
-FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree
-ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, where nothing tells a length
-AT_BORDER_PX = 3.0  # from the picture's border within which a clamp's line says that the clamp lies beyond it
-BEHIND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)  # places of the clamp behind its line that are tried, over the object's length in the picture
-INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it
-LINE_PX = 1.0  # standard deviation of a line that a person draws
-EDGE_PX = 0.5  # of an end face
-DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03
+FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree [numerical]
+ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, where nothing tells a length [numerical]
+AT_BORDER_PX = 3.0  # from the picture's border within which a clamp's line says that the clamp lies beyond it [chosen]
+BEHIND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)  # places of the clamp behind its line that are tried, over the object's length in the picture [numerical]
+INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
+LINE_PX = 1.0  # standard deviation of a line that a person draws [chosen]
+EDGE_PX = 0.5  # of an end face [chosen]
+DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03 [derived: half of the larger]
 
 
 @dataclass(frozen=True)

@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from ..elements.plane import FlatSolid
     from .outlined import Outlined
 
-SECONDS = 1.0  # that are predicted
-FIRST_SHARE, LEAST_FIRST, MOST_FIRST = 0.14, 4, 7  # of a period, and frames, that pose and velocity of the first are read from, by a parabola
-SPRING = 1.0  # of a point, over E / density: a tip bent by 60 degrees then lies .1 px off its edges, at .1 one pixel and more
-ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them
-REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it
-BORDER_PX = 4.0  # of the picture, within which no edge counts
-ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for
-LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count
-TUNINGS = 3  # of the modulus
-GIVES = 0.5  # share of the modulus over the strain, for differences
-SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequency falls with the swing, and the share of the swing that counts as small
-TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it
-STEPS_A_PERIOD = 90.0  # of the integration, at the least
-LEAST_SWING_PX = 1.0  # of the tip: less is no large swing
+SECONDS = 1.0  # that are predicted [chosen]
+FIRST_SHARE, LEAST_FIRST, MOST_FIRST = 0.14, 4, 7  # of a period, and frames, that pose and velocity of the first are read from, by a parabola [chosen]
+SPRING = 1.0  # of a point, over E / density: a tip bent by 60 degrees then lies .1 px off its edges, at .1 one pixel and more [chosen]
+ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them [numerical]
+REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it [chosen]
+BORDER_PX = 4.0  # of the picture, within which no edge counts [chosen]
+ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for [numerical]
+LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count [chosen]
+TUNINGS = 3  # of the modulus [numerical]
+GIVES = 0.5  # share of the modulus over the strain, for differences [numerical]
+SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequency falls with the swing, and the share of the swing that counts as small [numerical]
+TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it [chosen]
+STEPS_A_PERIOD = 90.0  # of the integration, at the least [numerical]
+LEAST_SWING_PX = 1.0  # of the tip: less is no large swing [chosen]
 
 
 def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDS = 2
-LEAST_GAIN = 0.1  # of the error, that a law must explain to be taken
-SETTLED = 0.98  # of the error before: more ends the search
+ROUNDS = 2  # of both numbers in turn [numerical]
+LEAST_GAIN = 0.1  # of the error, that a law must explain to be taken [chosen]
+SETTLED = 0.98  # of the error before: more ends the search [numerical]
 STEPS = np.array([0.2, 0.1])  # of the two numbers, for differences
 MOST = np.array([3.0, 3.0])  # of the two numbers
-EXPECTED = 0.03  # error over motion that no such law explains: with a spread of 1 of either number, a swing too small to tell them leaves both 0
+EXPECTED = 0.03  # error over motion that no such law explains: with a spread of 1 of either number, a swing too small to tell them leaves both 0 [chosen]
 
 
 @dataclass(frozen=True)
