@@ -3,6 +3,7 @@
     python benchmarks/calibration.py OUT --seeds 200-229        # choices are made on these
     python benchmarks/calibration.py OUT --confirm 60           # seeds that follow from the commit: run once
     python benchmarks/calibration.py OUT --seeds 300-304 --kinds hook,cord    # other bodies than the generator's, other starts
+    python benchmarks/calibration.py OUT --seeds 202-221 --kinds colour,plain_depth,plain    # points against outlines
     python benchmarks/calibration.py --record OUT...            # rows into benchmarks/results, table and figure into docs
     python benchmarks/calibration.py --tables | --check         # from the stored rows; exit 1 where a table is not theirs
 
@@ -32,9 +33,10 @@ from diffphys_ros.batch import read_status
 from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
-CHOICE, CONFIRMATION, OTHER_KINDS = "choice", "confirmation", "kinds"
+CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE = "choice", "confirmation", "kinds", "evidence"
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
 NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of the generator's own scenes
+OF_EVIDENCE = ("colour", "plain_depth", "plain")  # kinds whose rows tell kinds of evidence apart, beside those of the same seeds with texture and depth
 PAGE, FIGURES = ROOT / "docs" / "how_sure.md", ROOT / "docs" / "figures"
 
 
@@ -85,12 +87,17 @@ def record(folders: Sequence[Path], *, dirty: bool) -> None:
     for folder in folders:
         name, rows = rows_of(folder, program(), clean=not dirty)
         for row in rows:
-            found.setdefault(OTHER_KINDS if row["kind"] not in NAMED and name == CHOICE else name, []).append(row)
+            found.setdefault(_set_of(row["kind"]) if name == CHOICE else name, []).append(row)
     for name, made in found.items():
         rows = _merged(name, made)
         _path(name).write_text(json.dumps(sorted(rows, key=lambda row: row["name"]), indent=1) + "\n")
-        if name != OTHER_KINDS:
+        if name not in (OTHER_KINDS, EVIDENCE):
             draw(rows, [kind for kind in kinds_in(rows) if kind in FREE], FIGURES / f"calibration_{name}.png")
+
+
+def _set_of(kind: str) -> str:
+    """Of rows of chosen seeds."""
+    return CHOICE if kind in NAMED else EVIDENCE if kind in OF_EVIDENCE else OTHER_KINDS
 
 
 def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -100,19 +107,28 @@ def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def filled(text: str) -> str:
     """The page with its tables made from the stored rows."""
-    for name in (CHOICE, CONFIRMATION, OTHER_KINDS):
+    for name in (CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE):
         if _path(name).exists():
             begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
-            made = f"{begin}\n{_tables(json.loads(_path(name).read_text()))}\n{end}"
+            made = f"{begin}\n{_tables(_shown(name))}\n{end}"
             text, places = re.subn(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.S)
             if not places:
                 raise InputError(f"{PAGE.name}: has no place {begin} ... {end}; put one where the rows of {name} belong")
     return text
 
 
+def _shown(name: str) -> list[dict[str, Any]]:
+    """The stored rows of a set; kinds of evidence beside points with depth on the same seeds."""
+    rows: list[dict[str, Any]] = json.loads(_path(name).read_text())
+    if name == EVIDENCE and _path(CHOICE).exists():
+        seeds = {row["seed"] for row in rows}
+        rows += [row for row in json.loads(_path(CHOICE).read_text()) if row["kind"] == "told" and row["seed"] in seeds]
+    return rows
+
+
 def _tables(rows: list[dict[str, Any]]) -> str:
     kinds = kinds_in(rows)
-    if set(kinds).isdisjoint(NAMED):
+    if set(kinds) <= set(KINDS) - {*NAMED, *OF_EVIDENCE}:
         return "\n\n".join([markdown(table(rows, kinds)), said(rows)])
     apart = [f"<details><summary>Clips of {words}</summary>\n\n{markdown(table(rows, kinds, n))}\n\n</details>" for n, words in MATERIALS.items() if any(row["materials"] == n for row in rows)]
     return "\n\n".join([markdown(table(rows, kinds)), *apart, said(rows)])

@@ -24,7 +24,7 @@ REFUSED = "refused.txt"  # in place of it: why a seed has no clip
 CONFIRMATION_SEEDS = range(100_000, 1_000_000)  # far from those on which choices are made
 MADE_IN_S = 900.0  # longest time for one scene
 OTHER_SCENES = Path(__file__).with_name("other_scenes.py")  # makes what the generator lacks
-OTHERS = ("--family", "--hidden", "--force")  # options that are its own
+OTHERS = ("--family", "--hidden", "--force", "--plain")  # options that are its own
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Kind:
     scene: tuple[str, ...] = ()  # of the generator: another scene of the same seed
     sensor: bool = False  # through the sensor model
     densities: bool = False  # the parts' densities are told, else the mass alone
+    colour: bool = False  # colour images alone
     frames: tuple[int, int] | None = None  # fitted, and predicted
 
 
@@ -47,6 +48,9 @@ KINDS = {
         Kind("sensor", "sensor model, densities told", sensor=True, densities=True),
         Kind("never_free", "the force never stops, mass told", scene=("--never-free",)),
         Kind("held_out", "first 45 frames, densities told", densities=True, frames=(45, 15)),
+        Kind("colour", "points, colour alone", densities=True, colour=True),
+        Kind("plain_depth", "outline, depth of frame 0", scene=("--plain",), densities=True),
+        Kind("plain", "outline, colour alone", scene=("--plain",), densities=True, colour=True),
         Kind("hook", "hooks", scene=("--family", "hook", "--quick"), densities=True),
         Kind("fork", "forks", scene=("--family", "fork", "--quick"), densities=True),
         Kind("cord", "cords, large swing", scene=("--family", "cord", "--gravity", "on", "--quick"), densities=True),
@@ -146,6 +150,8 @@ def _told(given: dict[str, Any], kind: Kind, truth: Any) -> dict[str, Any]:
     if kind.densities:
         del given["scene"]["mass_kg"]
         given["scene"]["density_kg_m3"] = [float(rho) for rho in truth["part_rho"]]
+    if kind.colour:
+        given["topics"] = given.get("topics", {}) | {"depth": "none"}
     if kind.frames:
         given["frames"] = dict(zip(("fit", "predict"), kind.frames, strict=True))
     return given

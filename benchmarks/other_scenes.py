@@ -102,7 +102,8 @@ def extend(maker: Any, options: argparse.Namespace) -> None:
     """Teaches the generator's modules the families, the limits that are theirs, and the options."""
     families, checks = (importlib.import_module(f"softbody.{name}") for name in ("families", "checks"))
     family = FAMILIES.get(options.family or "")
-    families.FAMILIES = (*families.FAMILIES, *FAMILIES)
+    if family is not None:
+        families.FAMILIES = (*families.FAMILIES, *FAMILIES)  # of which a seed would else draw
     families.SHAPES.update({name: each.shape for name, each in FAMILIES.items()})
     if options.force:
         families.BURSTS = (options.force,)

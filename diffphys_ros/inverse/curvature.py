@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..types import Body, Camera
+from ..vibration.coordinates import seen_across
 from .linear import footprint_load
 from .observed import TrackTarget
 from .prepared import Prepared
@@ -15,8 +15,9 @@ def track_hessian(prepared: Prepared, layout: Layout, target: TrackTarget, *, in
     """Gauss-Newton Hessian (size, size) of TrackTarget.loss with respect to z at the start values; 0 where the linear engine knows no
     derivative."""
     jacobian = _jacobian(prepared, layout, target, initial_modes) * layout.scale()
-    if target.camera_from_body is not None:
-        jacobian = _across_the_line_of_sight(jacobian, target, prepared.body, prepared.clip.camera)
+    across = seen_across(prepared.body, prepared.tracks, prepared.clip.camera)
+    if across is not None:
+        jacobian = np.einsum("mdc,tmcs->tmds", across, jacobian)
     weight = target.weight.cpu().double().numpy()
     known = np.einsum("tm,tmcs,tmcr->sr", weight, jacobian, jacobian, optimize=True) / (weight.sum() * target.mean_square)
     return np.pad(known, (0, layout.size - layout.modal))
@@ -37,11 +38,3 @@ def _jacobian(prepared: Prepared, layout: Layout, target: TrackTarget, initial_m
         initial_modes=initial_modes,
     )
     return jacobian - jacobian[:1]
-
-
-def _across_the_line_of_sight(jacobian: np.ndarray, target: TrackTarget, body: Body, camera: Camera) -> np.ndarray:
-    """Without depth only motion across the rays is compared."""
-    rays = target.rest_points - body.to_body(camera.position)
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    along = np.einsum("mc,tmcs->tms", rays, jacobian)
-    return jacobian - rays[None, :, :, None] * along[:, :, None]

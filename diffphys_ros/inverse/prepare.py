@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
+BY_DEPTH = "the object is plain: its outline was followed, and how near its surface comes by depth; neither shows what moves along the surface and along the outline"
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -116,7 +117,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     """The labelled clip and the points followed on the object, its depth in frame 0 [m] (H, W) and where that comes from, and its body."""
     from ..body import build_body
     from ..depth import surface_depth
-    from ..outline import follow_outline
+    from ..outline import follow_outline, with_faces
     from ..tracks import follow, on_tripod
 
     yield Progress("segment", text="object mask and parts")
@@ -134,7 +135,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
         held = replace(held, clip=_evenly_exposed(held.clip))
         yield Progress("tracks", text=held.clip.notes[-1])
     if by_outline:
-        held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN)))
+        held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN if held.clip.depth is None else BY_DEPTH)), tracks=with_faces(held.clip, held.tracks))
     yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
     body = build_body(held.clip, depth0, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})

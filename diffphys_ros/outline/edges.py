@@ -14,6 +14,7 @@ TURN_PX = 6.0  # the same for its direction, which wiggles more [chosen]
 STEP_PX = 0.5  # between samples of a profile [numerical]
 REFINE_PX = 6.0  # from the mask's border that its edge is looked for [chosen]
 BORDER_PX = 3.0  # from the picture's border that no point may lie within [chosen]
+SEAM_COSINE = 0.9  # between the colours, inside over outside, of the two neighbours of a point: with less a border between colours meets the edge there [chosen]
 CORNER_ARM_PX, CORNER_COSINE = 8.0, np.cos(np.radians(35.0))  # arm over which an outline turns, and the turn that makes a corner [chosen]
 
 
@@ -58,7 +59,9 @@ def coloured_outline(frame: np.ndarray, mask: np.ndarray, spacing_px: float) -> 
     outline = _leveled(replace(outline, tint=_tint(sides)), sides)
     moved = np.nan_to_num(outline.distances(frame, REFINE_PX))
     outline = replace(outline, pixels=outline.pixels + moved[:, None] * outline.normals)
-    return _leveled(outline, _sides_by_channel(frame, outline))
+    sides = _sides_by_channel(frame, outline)
+    outline = _leveled(outline, sides)
+    return replace(outline, contrast=np.where(_at_seam(sides), 0.0, outline.contrast))
 
 
 def _joined(found: list[tuple[np.ndarray, ...]]) -> Outline:
@@ -100,7 +103,7 @@ def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, 
     """The fields of Outline for every `step`-th point of an even run (n, 2)."""
     normal = _outward(run)
     level, contrast = _half_level(grey, run, normal)
-    moved = distances(grey, run, normal, level, REFINE_PX)
+    moved = distances(grey, run, normal, level, REFINE_PX, contrast)
     known = np.isfinite(moved)
     if known.sum() < 2:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0)
@@ -155,6 +158,15 @@ def _tint(sides: np.ndarray) -> np.ndarray:
     if len(known) > 1:
         difference = gaussian_filter1d(np.where(known[:, None], difference, 0.0), SMOOTH_PX, axis=0, mode="nearest")
     return difference / np.maximum(np.linalg.norm(difference, axis=1, keepdims=True), 1e-9)
+
+
+def _at_seam(sides: np.ndarray) -> np.ndarray:
+    """Where an outline's colours (2, P, 3), inside over outside, are other ones on one side of a point than on the other, bool (P,): what slides along
+    itself brings another edge there."""
+    colour = sides[0] - sides[1]
+    colour = colour / np.maximum(np.linalg.norm(colour, axis=1, keepdims=True), 1e-9)
+    cosine = np.pad((colour[2:] * colour[:-2]).sum(1), 1, constant_values=1.0) if len(colour) > 2 else np.ones(len(colour))
+    return ~(cosine >= SEAM_COSINE)
 
 
 def _leveled(outline: Outline, sides: np.ndarray) -> Outline:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..elements.assemble import Elements
 
 NARROW_MODES = 6  # per further point of the basis [numerical]
+ALIKE = 0.9  # mean square of the cosines between normals and their common direction, from which on they count as one [chosen]
 STILL = 4.0  # motion over noise below which nothing can be said [chosen]
 
 
@@ -60,6 +61,12 @@ class Evidence:
         """Whether there is more to be seen than noise."""
         return self.motion.size_m >= STILL * self.motion.noise_m
 
+    @property
+    def _one_direction(self) -> bool:
+        """Whether the tracks show nothing but motion along nearly the same direction."""
+        normals = self.tracks.normals
+        return normals is not None and bool(np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1] > ALIKE)
+
     def believed(self, log_young: np.ndarray) -> np.ndarray:
         """Residuals of log E (n,) [ln Pa] against what is believed, in standard deviations; none where nothing is."""
         if self.belief is None:
@@ -81,7 +88,7 @@ class Evidence:
         seen = Projection.of(self.motion, modal)
         moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
-        detuned = DETUNED if self.tracks.normals is None else 0  # an outline shows one mode well: what its shape misses must not buy another frequency
+        detuned = 0 if self._one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
         return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.densities, detuned)
 
     def whole(self, modal: ModalModel, support: Support) -> ForceProblem:

@@ -17,10 +17,9 @@ from ..linear_systems import inverted
 from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
 from .free_tail import Physics, Tail
-from .uncertainty import Bend, excess_of
+from .uncertainty import SHAPE_SD, Bend, excess_of
 
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700 [chosen]
-SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
 POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more [derived: standard deviation of an even spread]
 
 

@@ -5,15 +5,17 @@ Independent track noise is irrelevant beside these three, so a standard deviatio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..differences import differences
 from ..elements.mesh import narrowest_limb
 from ..linear_systems import inverted
 from ..types import Body, Tracks
-from .free_tail import FREQUENCY_SD, Physics, Tail, prior_residual
+from .free_tail import DETUNED, FREQUENCY_SD, Physics, Tail, prior_residual
 
+SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
 SILHOUETTE_PX = 0.25  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
@@ -62,6 +64,18 @@ def detuning_log10_sd(detuning: float) -> float:
     """Standard deviation of log10 E where a mode's log frequency is off by `detuning`: what made that, beyond the errors that are allowed
     for, may as well be off in all frequencies alike, where E takes it on with its square."""
     return 2 * float(np.sqrt(max(detuning**2 - FREQUENCY_SD**2, 0.0))) / np.log(10.0)
+
+
+def of_held_modes(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), by what a search that holds the modes to the model leaves no room for, though it is the same in all
+    frames: frequencies, each off by FREQUENCY_SD, and shapes, off by what they miss of the motion."""
+    count = DETUNED - tail.detuned
+    frequencies = differences(lambda off: tail.misfit(replace(physics, detune=FREQUENCY_SD * off)).ravel() / tail.sigma_m, np.zeros(count))
+    width = tail.data.shape[1]
+    missed = max(SHAPE_SD, tail.missed_m(physics) / tail.size_m) / np.sqrt(width)
+    shapes = np.kron(tail.swings(physics), np.eye(width)) * missed / tail.sigma_m
+    taken_on = bend.inverse @ bend.jacobian.T @ np.hstack([frequencies, shapes])
+    return np.asarray(np.linalg.norm(taken_on[: len(physics.young)], axis=1) / np.log(10.0))
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:

@@ -17,11 +17,11 @@ from ..vibration.thinning import find_slow_support
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
-from .free_tail import FREQUENCY_SD
+from .free_tail import FREQUENCY_SD, Physics, Tail
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, outline_sd
+from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, of_held_modes, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing [chosen]
@@ -130,7 +130,7 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
     geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
-    sd = np.hypot(log10_young_sd(tail, fit.physics, bend, geometry_sd, detune), detuning_log10_sd(detuning)) if bend is not None else sd_of_guess(evidence)
+    sd = _sd_of_tail(tail, fit.physics, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))
     reasons = _reasons(fit, sd, residual, detuning, holds=holds)
     return StartValues(
@@ -160,6 +160,12 @@ def bounded(values: StartValues, fit: Fit) -> StartValues:
     lower = lower_bounds(fit.tail, fit.physics, geometry_sd, wanted)
     reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
     return replace(values, young_lower=lower, reasons=tuple(reasons))
+
+
+def _sd_of_tail(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,): what a fit of the free frames leaves open, whose modes were off by `detune` (k,) or held."""
+    beyond = detuning_log10_sd(float(np.abs(detune).max(initial=0.0))) if tail.detuned else of_held_modes(tail, physics, bend)
+    return np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond)
 
 
 def sd_of_guess(evidence: Evidence) -> np.ndarray:

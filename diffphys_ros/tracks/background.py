@@ -152,8 +152,7 @@ def _along(shift_px: np.ndarray, tracks: Tracks, camera: Camera) -> np.ndarray:
     """What points show of shifts (F, 1, 2) [px], (F, M, 2): all, or the component along their normals."""
     if tracks.normals is None:
         return np.broadcast_to(shift_px, (len(shift_px), tracks.pixels.shape[1], 2))
-    normal = tracks.normals @ camera.world_from_camera[:3, :2]
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = camera.normals_in_picture(tracks.normals)
     return np.asarray((shift_px * normal).sum(-1, keepdims=True) * normal)
 
 

@@ -50,3 +50,16 @@ class Camera:
         y = (pixels[..., 1] - k[1, 2]) / k[1, 1]
         x = (pixels[..., 0] - k[0, 2] - k[0, 1] * y) / k[0, 0]
         return np.stack([x, y, np.ones_like(x)], -1) @ self.world_from_camera[:3, :3].T
+
+    def gradients(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """How far the pixels of world points (..., 3) move along normals (..., 2) in the picture when the points move: gradients (..., 3) [px/m], world.
+        Off the optical axis a point that comes nearer moves outwards."""
+        local = (points - self.position) @ self.world_from_camera[:3, :3]
+        across = normals @ self.pixel_from_camera[:2, :2]
+        nearer = -(across * local[..., :2]).sum(-1) / local[..., 2]
+        return np.concatenate([across, nearer[..., None]], -1) / local[..., 2:] @ self.world_from_camera[:3, :3].T
+
+    def normals_in_picture(self, gradients: np.ndarray) -> np.ndarray:
+        """The unit normals (..., 2) of which gradients (..., 3) were made, whatever their lengths."""
+        normals = (gradients @ self.world_from_camera[:3, :2]) @ np.linalg.inv(self.pixel_from_camera[:2, :2])
+        return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))

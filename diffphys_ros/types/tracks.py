@@ -18,4 +18,4 @@ class Tracks:
     noise_m: float  # standard deviation of one coordinate of a displacement [m], estimated from the tracks
     sd_m: np.ndarray | None = None  # the same for every track and frame [m], shape (T, M, 2): of a coordinate across the line of sight,
     # and along it (infinite where that is not seen); 0 in frame 0, infinite where the track does not hold; None: not estimated
-    normals: np.ndarray | None = None  # unit vectors, world, along which alone each point's motion is seen (it lies on the object's outline), shape (M, 3); None: points
+    normals: np.ndarray | None = None  # unit vectors, world, along which alone each point's motion is seen (it lies on the object's outline; see Camera.gradients), shape (M, 3); None: points

@@ -90,7 +90,7 @@ class Projection:
         count = np.sqrt(len(motion.points))
         basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
         frame, _ = np.linalg.qr(basis)
-        filled = _from_neighbours(motion.points, motion.displacement, motion.valid & motion.known[:, None])
+        filled = _from_neighbours(_likeness(motion.points, motion.across), motion.displacement, motion.valid & motion.known[:, None])
         return cls(filled.reshape(len(filled), -1) / count @ frame, frame.T @ basis)
 
 
@@ -104,7 +104,7 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     known = tracks.valid.mean(1) > LEAST_POINTS
     known[0] = True
-    principal = _principal(points[0], displacement, tracks.valid, known)
+    principal = _principal(_likeness(points[0], across), displacement, tracks.valid, known)
     principal = principal - principal[:1]
     q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
     shapes, misfit = _regress(q, displacement, tracks.valid)
@@ -136,11 +136,18 @@ def _along_normals(body: Body, normals: np.ndarray) -> np.ndarray:
     return own[:, :, None] * own[:, None, :]
 
 
-def _principal(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _likeness(points: np.ndarray, across: np.ndarray | None) -> np.ndarray:
+    """Coordinates (M, k) in which those lie near each other that show much the same: places (M, 3), and where one direction alone is seen, these."""
+    if across is None or np.trace(across[0]) > 1.5:
+        return points
+    return np.hstack([points, np.ptp(points, axis=0).max() * across.reshape(len(points), 9)])
+
+
+def _principal(places: np.ndarray, displacement: np.ndarray, valid: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Principal coordinates (T, k) [m, root mean square over the points] of the points that are seen nearly always."""
     share = valid[known].mean(0)
     steady = share >= min(STEADY_SHARE, np.sort(share)[-min(STEADY_POINTS, len(share))])
-    filled = _from_neighbours(points, displacement, valid & known[:, None])[:, steady]
+    filled = _from_neighbours(places, displacement, valid & known[:, None])[:, steady]
     flat = filled.reshape(len(filled), -1)
     for _ in range(ROBUST_ROUNDS):
         u, s, vt = np.linalg.svd(flat, full_matrices=False)
@@ -151,12 +158,12 @@ def _principal(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray, 
     return u[:, :CANDIDATES] * s[:CANDIDATES] / np.sqrt(filled.shape[1])
 
 
-def _from_neighbours(points: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def _from_neighbours(places: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Displacements (T, M, 3) with those that are not valid taken from the nearest points that are; a frame in which nothing
     was seen lies between its neighbours in time."""
     filled, some = displacement.copy(), valid.any(1)
     for t in np.flatnonzero(some & ~valid.all(1)):
-        distance, near = cKDTree(points[valid[t]]).query(points[~valid[t]], k=min(NEIGHBOURS, int(valid[t].sum())))
+        distance, near = cKDTree(places[valid[t]]).query(places[~valid[t]], k=min(NEIGHBOURS, int(valid[t].sum())))
         weight = 1 / np.maximum(distance.reshape(len(near), -1), 1e-9)
         weight /= weight.sum(1, keepdims=True)
         filled[t, ~valid[t]] = np.einsum("mk,mkc->mc", weight, displacement[t, valid[t]][near.reshape(weight.shape)])

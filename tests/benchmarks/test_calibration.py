@@ -9,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from diffphys_ros.errors import InputError
 from tests.script import loaded
@@ -111,3 +112,32 @@ def test_kinds_that_look_at_the_same_scene_have_it_made_once_and_those_of_one_se
     assert [path.name for path in made] == ["g7-told", "g7-mass", "g7-hook"]
     assert "density_kg_m3" in (made[0] / "given.yaml").read_text()
     assert "mass_kg" in (made[1] / "given.yaml").read_text()
+
+
+def test_a_clip_of_colour_alone_has_no_depth_topic_and_a_plain_one_is_made_by_our_own_maker(calibration, tmp_path: Path) -> None:
+    clips, made = calibration.clips_of.__globals__, []
+
+    class Scenes(clips["Maker"]):
+        def _call(self, words: list[str], out: Path) -> None:
+            made.append((Path(words[0]).name, "--plain" in words))
+            out.mkdir(parents=True)
+            for name in ("clip.mcap", "mask0.png", "stats.json"):
+                (out / name).touch()
+            np.savez(out / "truth.npz", part_rho=[600.0])
+            (out / "given.yaml").write_text("scene: {mass_kg: 1.0}\ntopics: {color: a}\n")
+
+    folders = calibration.clips_of([7], [clips["KINDS"][name] for name in ("told", "colour", "plain")], tmp_path, Scenes(tmp_path), 1)
+    assert made == [("make_scene.py", False), ("other_scenes.py", True)]
+    assert [yaml.safe_load((folder / "given.yaml").read_text())["topics"] for folder in folders] == [{"color": "a"}, {"color": "a", "depth": "none"}, {"color": "a", "depth": "none"}]
+
+
+def test_rows_of_outlines_stand_beside_those_of_points_on_the_same_seeds(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibration, "RESULTS", tmp_path)
+    about = {"device": "d", "versions": "v", "commit": "c"}
+    stored = {"evidence": [row([0.01], [0.02], kind="plain", seed=5, **about)], "choice": [row([0.01], [0.02], kind="told", seed=n, **about) for n in (5, 6)]}
+    for name, rows in stored.items():
+        (tmp_path / f"calibration-{name}.json").write_text(json.dumps(rows))
+    shown = calibration._shown("evidence")
+    assert sorted((each["kind"], each["seed"]) for each in shown) == [("plain", 5), ("told", 5)]
+    assert "| densities told | outline, colour alone |" in calibration._tables(shown)
+    assert [calibration._set_of(kind) for kind in ("told", "plain", "hook")] == ["choice", "evidence", "kinds"]

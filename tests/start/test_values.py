@@ -11,6 +11,7 @@ from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import gaussian
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import start_values
+from diffphys_ros.start.free_tail import FREQUENCY_SD
 from diffphys_ros.types import Body, StartValues, Tracks
 from tests.made_bar import BETA, FORCED, FRAMES, LENGTH, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
 
@@ -217,3 +218,14 @@ def test_the_spread_grows_with_what_a_frequency_is_off_by_beyond_what_is_allowed
     assert found.detuning > 2 * even.detuning
     assert (found.log10_young_sd > 1.2 * even.log10_young_sd).all()
     assert found.log10_young_sd[1] > 3.5 * even.log10_young_sd[1]  # 3.1 times from how far the worst is off, more from how little they agree
+
+
+def test_an_outline_is_no_surer_of_its_one_mode_than_a_mode_can_be_known():
+    """Outline, thickness and density put any frequency off by a percent, E by two, whatever a fit of that one frequency says."""
+    body = bar(edges=())
+    modal = modes_of(body, YOUNG[:1], finer=0.85, count=12)
+    moved = motion(modal, YOUNG[:1], gust((0.0, 1.0, 0.0)))
+    seen = replace(tracks(modal, moved, depth=False), normals=np.tile([0.0, 1.0, 0.0], (200, 1)))
+    start = start_values(body, seen, PERIOD_S, settings(at_rest=True), camera=camera())[0]
+    assert 2 * FREQUENCY_SD / np.log(10) < start.log10_young_sd[0] < 0.03
+    assert abs(np.log10(start.young[0] / YOUNG[0])) < start.log10_young_sd[0]
