@@ -39,6 +39,7 @@ class Told:
     clip: int  # its first stamp [ns]
     sent_s: float  # steady clock
     results: set[str] = field(default_factory=set)  # topics whose message carries this stamp
+    whole_s: float | None = None  # when the last of them came
     frames: int = 0  # that ingest_node says the clip has
     done_s: float | None = None  # when fit_node had ended with it
     how: str = ""  # it ended
@@ -189,6 +190,8 @@ class Rig:
         if told is None:
             return
         told.results.add(topic)
+        if told.whole and told.whole_s is None:
+            told.whole_s = time.monotonic()
         if topic == "~/material_field":
             told.young_pa = float(np.median(10.0 ** clouds.unpack(message)["intensity"].astype(float)))
 

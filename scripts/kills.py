@@ -56,12 +56,11 @@ def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bo
     others = set(names) - {"ingest_node", "inspect_node"}
     gone = "ingest_node" in names and (others or moment == "sent")  # with the images
     graph.spin(lambda: told.whole, GONE_S if gone else CLIP_S)
-    first = f"its own result after {time.monotonic() - began:.0f} s" if told.whole else "gone"
     waits = {name: WAITS.findall(graph.said(name, marks[name])) for name in NODES}
     after = graph.send(number + 1)
-    began = time.monotonic()
     graph.spin(lambda: after.whole, CLIP_S)
-    second = f"its own result, {time.monotonic() - began:.0f} s" if after.whole else "NO RESULT"
+    first = f"its own result after {told.whole_s - began:.0f} s" if told.whole_s is not None else "gone"  # or while the next one was waited for
+    second = f"its own result, {after.whole_s - after.sent_s:.0f} s" if after.whole_s is not None else "NO RESULT"
     said = "; ".join(f"{name.removesuffix('_node')}: {found[-1]}" for name, found in waits.items() if found) if not told.whole else ""
     print(f"{' '.join(name.removesuffix('_node') for name in names):32}{moment:10}{first:40}{second:24}{said}", flush=True)
     graph.spin(lambda: False, SILENCE_S)
