@@ -111,11 +111,11 @@ class Number:
 
     def comment(self) -> str:
         """What the code says that it is; empty where it says nothing. Raises LookupError where nothing sets it."""
-        return self._said().partition(" [")[0]
+        return self._said().rpartition(" [")[0]
 
     def source(self) -> str:
         """Where the code says that it comes from."""
-        return self._said().partition(" [")[2].removesuffix("]")
+        return self._said().rpartition(" [")[2].removesuffix("]")
 
     def _said(self) -> str:
         """The comment on the line that sets it."""

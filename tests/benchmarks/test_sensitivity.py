@@ -57,6 +57,8 @@ def test_each_number_of_the_list_exists_is_explained_and_differs_from_its_half_o
         assert any(number.once(value, factor) != value for factor in (0.5, 2.0)), number
         assert number.comment(), f"{number}: say beside it what it is"
         assert number.source(), f"{number}: say beside it where it comes from"
+    units = deciding.Number.of("start.free_tail", "MASS_DAMPING_SD")
+    assert (units.comment(), units.source()) == ("weak priors [1/s], [s]: soft solids damp by their strain rate", "chosen")
 
 
 def test_a_multiplied_number_reaches_copies_values_made_of_it_and_default_arguments() -> None:

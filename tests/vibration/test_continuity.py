@@ -44,6 +44,14 @@ def test_frames_cut_out_under_continuous_stamps_are_found_at_the_cut(first, coun
     assert jump(without(swings(pushed(3, 10)), first, count)) == first - 1
 
 
+def test_a_single_frame_that_is_cut_out_is_found_where_the_recursion_shows_it():
+    """Three of four; the gap itself, half a step wide, shows in one of five."""
+    firsts = range(5, 45, 2)
+    found = [jump(without(swings(pushed(3, 10)), first, 1)) for first in firsts]
+    assert set(found) <= {None, *(first - 1 for first in firsts)}
+    assert np.mean([place is not None for place in found]) > 0.5
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("first", "last"), [(3, 3), (3, 4), (10, 11), (3, 8), (3, 23)])
 def test_a_push_however_sharp_is_no_cut(first, last, seed):
