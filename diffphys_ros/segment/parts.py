@@ -1,4 +1,4 @@
-"""Parts of the object by colour: one connected piece each, as many as the colours tell apart."""
+"""Parts of the object by colour: a connected piece each, or a few large ones, as many as the colours tell apart."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chrom
 LEAST_SEPARATION = 2.5  # the same distance against the spread inside the two parts
 LEAST_SHARE = 0.015  # of the object that a part must cover
 MOST_ENCLOSED, LEAST_ENCLOSED_SHARE = 0.6, 0.08  # of a part's outline inside the object, beyond which it is a spot or a seam unless it covers so much
-LEAST_CONNECTED = 0.75  # of a colour's pixels that must be one piece
+LEAST_CONNECTED = 0.75  # of a colour's pixels that must be in its largest piece and those that cover LEAST_ENCLOSED_SHARE of the object
 MEDIUM_LIGHTNESS = 60.0
 REFINEMENTS = 4
 
@@ -21,9 +21,9 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
     """Part numbers 1..n in no special order, 0 off the mask, uint8 (H, W), from an RGB frame (H, W, 3).
 
     Colours are chroma over lightness (shading cancels) after a median that removes spots and lines. The largest number of
-    clusters (k-means) is taken whose colours lie apart against their spread and of which each is essentially one connected piece; then
-    edges are drawn again from the parts' full colour distributions, and every stray island joins its surroundings. What then is small and
-    mostly enclosed is no part: a spot, or the mixed colours of a seam.
+    clusters (k-means) is taken whose colours lie apart against their spread and of which each is essentially one connected piece, or a few
+    large ones, such as the prongs of a fork; then edges are drawn again from the parts' full colour distributions, and every stray island
+    joins its surroundings. What then is small and mostly enclosed is no part: a spot, or the mixed colours of a seam.
     """
     if not mask.any():
         return np.zeros(mask.shape, np.uint8)
@@ -31,7 +31,7 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
     for count in range(min(max_parts, 8), 1, -1):
         parts = _clustered(colour, mask, count)
         if parts is not None:
-            parts = one_piece_each(_redrawn(frame, mask, parts))
+            parts = whole_pieces(_redrawn(frame, mask, parts))
             if all(_stands_for_itself(parts == k + 1, mask) for k in range(count)):
                 return parts
     return mask.astype(np.uint8)
@@ -55,13 +55,21 @@ def texture_free_chroma(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.stack([cv2.medianBlur(np.ascontiguousarray(inside[..., i]), side) for i in (0, 1)], -1).astype(np.float32) - 128
 
 
-def one_piece_each(parts: np.ndarray) -> np.ndarray:
-    """Parts reduced to their largest connected pieces; what was cut off joins the part that it touches nearest."""
-    kept = np.zeros_like(parts)
+def whole_pieces(parts: np.ndarray) -> np.ndarray:
+    """Parts reduced to their largest connected pieces and further ones as large as a part of its own; what was cut off joins the part that it
+    touches nearest."""
+    kept, least = np.zeros_like(parts), LEAST_ENCLOSED_SHARE * (parts > 0).sum()
     for part in np.setdiff1d(np.unique(parts), 0):
-        _, regions, stats, _ = cv2.connectedComponentsWithStats((parts == part).astype(np.uint8), connectivity=4)
-        kept[regions == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])] = part
+        regions, whole = _pieces(parts == part, least)
+        kept[whole[regions]] = part
     return np.where(parts > 0, nearest_known(kept, kept > 0), 0).astype(np.uint8)
+
+
+def _pieces(region: np.ndarray, least_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of connected pieces (H, W), 0 off them, and which of these are the largest or cover `least_px` at least."""
+    count, regions, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
+    area = np.r_[0, stats[1:, cv2.CC_STAT_AREA]]
+    return regions, (area >= least_px) & (area > 0) | (np.arange(count) == area.argmax()) & (area > 0)
 
 
 def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray | None:
@@ -88,11 +96,10 @@ def _apart(values: np.ndarray, index: np.ndarray, centres: np.ndarray) -> bool:
 
 
 def _is_piece(region: np.ndarray, mask: np.ndarray) -> bool:
-    count, _, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
-    if count < 2:
-        return False
-    area = stats[1:, cv2.CC_STAT_AREA]
-    return bool(area.max() > LEAST_CONNECTED * area.sum() and area.sum() > LEAST_SHARE * mask.sum())
+    """Whether a colour's pixels are no scatter of spots."""
+    area = mask.sum()
+    regions, whole = _pieces(region, LEAST_ENCLOSED_SHARE * area)
+    return bool(whole[regions].sum() > LEAST_CONNECTED * region.sum() and region.sum() > LEAST_SHARE * area)
 
 
 def _stands_for_itself(region: np.ndarray, mask: np.ndarray) -> bool:

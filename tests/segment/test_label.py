@@ -14,7 +14,7 @@ from diffphys_ros.segment import label_clip
 from diffphys_ros.segment.given import given_mask
 from diffphys_ros.segment.label import METHODS, first_labels
 from diffphys_ros.segment.motion import motion_mask
-from diffphys_ros.segment.parts import numbered, one_piece_each, split_parts
+from diffphys_ros.segment.parts import numbered, whole_pieces, split_parts
 from diffphys_ros.segment.prompt import Mark
 from diffphys_ros.types import Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
@@ -155,7 +155,7 @@ def test_islands_join_what_surrounds_them() -> None:
     parts[:, 30:] = 2
     expected = parts.copy()
     parts[10:13, 10:13], parts[20:22, 50:52] = 2, 1
-    assert np.array_equal(one_piece_each(parts), expected)
+    assert np.array_equal(whole_pieces(parts), expected)
 
 
 def test_parts_are_numbered_from_the_clamp_or_by_size() -> None:

@@ -53,3 +53,11 @@ def test_a_large_inlay_is_a_part() -> None:
     frame = painted((30, "violet"))
     frame[50:90, 80:150] = COLOURS["green"]
     assert set(np.unique(split_parts(taken(frame), MASK, max_parts=3)[MASK])) == {1, 2}
+
+
+def test_two_large_pieces_of_one_colour_are_one_part() -> None:
+    """Such as the prongs of a fork."""
+    parts = split_parts(taken(painted((30, "violet"), (95, "green"), (165, "violet"))), MASK, max_parts=4)
+    ends, middle = np.r_[parts[40:100, 32:93].ravel(), parts[40:100, 167:228].ravel()], parts[40:100, 97:163]
+    assert len(np.unique(ends)) == len(np.unique(middle)) == 1
+    assert ends[0] != middle[0, 0]
