@@ -16,7 +16,7 @@ AROUND = 20  # points whose affine motion tells where another one is
 LEAST_FOUND = 0.5  # of the points that held in the frame before; with fewer the object has leapt
 LEAP = 3.0  # of the points' box, within which it is looked for
 COARSE = 4  # pixels side by side that count as one, so that an object that turns or comes nearer still looks like itself
-LEAST_LIKENESS = 0.5  # correlation with the frame before at which it counts as found
+LEAST_LIKENESS = 0.35  # correlation with the frame before at which it counts as found: chance gives a tenth, a block that turns by 2 degrees .49
 RIGIDITY_PX2 = 2.0  # added to their second moment: where they lie in a line, a point moves along with them and no more
 
 
@@ -142,7 +142,7 @@ def _followed(
 
 
 def whole_shift(image: np.ndarray, later: np.ndarray, points: np.ndarray) -> np.ndarray | None:
-    """Where the box about points (M, 2) [px] of an image has gone in a later one, (2,) [px], by normalised correlation; None where it is not found, or is tiny."""
+    """Where the hull of points (M, 2) [px] of an image has gone in a later one, (2,) [px], by normalised correlation; None where it is not found, or is tiny."""
     if not len(points):
         return None
     size = np.array(image.shape[::-1])
@@ -152,8 +152,12 @@ def whole_shift(image: np.ndarray, later: np.ndarray, points: np.ndarray) -> np.
     box, around = image[low[1] : high[1], low[0] : high[0]], later[first[1] : end[1], first[0] : end[0]]
     if min(box.shape) < 2 * COARSE:
         return None
-    coarse = [cv2.resize(part, None, fx=1 / COARSE, fy=1 / COARSE, interpolation=cv2.INTER_AREA) for part in (around, box)]
-    _, best, _, place = cv2.minMaxLoc(cv2.matchTemplate(*coarse, cv2.TM_CCOEFF_NORMED))
+    hull = cv2.fillConvexPoly(np.zeros(box.shape, np.uint8), cv2.convexHull(np.rint(points - low).astype(np.int32)), 1)
+    coarse = [cv2.resize(part, None, fx=1 / COARSE, fy=1 / COARSE, interpolation=cv2.INTER_AREA) for part in (around, box, hull)]
+    if not coarse[2].any():
+        return None
+    likeness = cv2.matchTemplate(*coarse[:2], cv2.TM_CCOEFF_NORMED, mask=coarse[2])
+    _, best, _, place = cv2.minMaxLoc(np.where(np.isfinite(likeness), likeness, -1.0))
     return COARSE * np.array(place, float) + first - low if best >= LEAST_LIKENESS else None
 
 
