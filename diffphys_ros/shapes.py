@@ -21,7 +21,7 @@ Sizes = dict[str, int]
 
 CAMERA = {"pixel_from_camera": "real 3 3", "world_from_camera": "real 4 4"}
 CLIP = {"frames": "pixel T H W 3", "period_s": "positive", "depth": "?real T H W", "labels": "?pixel T H W", "observed": "?truth T", "first_labels": "?pixel H W", "gravity": "?real 3"}
-TRACKS = {"pixels": "gap T M 2", "points": "gap T M 3", "valid": "truth T M", "noise_m": "amount", "sd_m": "?gap T M 2", "normals": "?real M 3"}
+TRACKS = {"pixels": "gap T M 2", "points": "gap T M 3", "valid": "truth T M", "noise_m": "amount", "sd_m": "?gap T M 2", "first": "?real M 3", "normals": "?real M 3"}
 BODY = {
     "world_from_body": "real 4 4", "inside": "truth X Y", "origin": "real 2", "pitch_m": "positive", "half_thickness": "amount X Y", "part": "whole X Y",
     "density": "positive n", "poisson": "real n", "gravity": "real 3",

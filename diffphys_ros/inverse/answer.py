@@ -15,6 +15,7 @@ from .carried import CarriedGaussians
 from .forward import Discretisation, ForwardModel, Motion
 from .linear import footprint_load, linear_motion
 from .loss import Terms
+from .placement import offset_of_first
 from .posterior import Confidence
 from .prepared import Prepared
 
@@ -144,11 +145,13 @@ def assemble(
     force = body.rotate_to_world(core.force)[:, None] * weight[None, :, None]
     if core.field_force is not None:
         force[:-1] += body.rotate_to_world(core.field_force[:, own])
-    trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own])
+    rest = body.to_world(p.x_rest[own])
+    placed = offset_of_first(prepared.tracks, rest)
+    trajectory = body.to_world(p.x_rest[own] + core.displacement[:, own]) + placed
     frames = None if renderer is None else renderer.clip(p.x_rest + core.displacement, core.F)
     part = p.part[own] - 1
     return Recovery(
-        points=body.to_world(p.x_rest[own]),
+        points=rest + placed,
         volume=p.volume[own],
         part=p.part[own],
         young=core.young[own],

@@ -32,14 +32,23 @@ class CarriedGaussians:
 
     @classmethod
     def of(
-        cls, splats: Splats, particles: np.ndarray, camera: Camera, background: np.ndarray, *, world_from_particles: np.ndarray | None = None, device: str
+        cls,
+        splats: Splats,
+        particles: np.ndarray,
+        camera: Camera,
+        background: np.ndarray,
+        *,
+        world_from_particles: np.ndarray | None = None,
+        places: np.ndarray | None = None,
+        device: str,
     ) -> CarriedGaussians:
         """Bind Gaussians of frame 0 to the particles (P, 3) [m] nearest to them there. background uint8 (H, W, 3); world_from_particles
-        (4, 4), None: the particles are given in the world frame."""
+        (4, 4), None: the particles are given in the world frame. places (G, 3) [m], world: where the Gaussians are in the particles' pose, None: where
+        they are in frame 0."""
         pose = np.eye(4) if world_from_particles is None else world_from_particles
         mean, rotation, scale, opacity, color, placed = (torch.as_tensor(a, dtype=torch.float32, device=device) for a in (*vars(splats).values(), pose[:3]))
         behind = torch.as_tensor(background, device=device).float() / 255
-        binding = bind((splats.mean.astype(float) - pose[:3, 3]) @ pose[:3, :3], particles)
+        binding = bind(((splats.mean.astype(float) if places is None else places) - pose[:3, 3]) @ pose[:3, :3], particles)
         return cls(Rasterizer(camera, device), binding, mean, rotation, scale, opacity, color, placed, behind)
 
     def moved(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:

@@ -278,6 +278,8 @@ class ForwardModel:
             return state
         strain = self.basis_gradient @ unknowns.initial_displacement
         F = state.F + strain @ state.F
+        if self.prepared.tracks.first is not None:  # the particles are those of a pose near rest, not those of frame 0
+            state = state.replace(x=state.x + self.basis @ unknowns.initial_displacement)
         v, C = (field @ unknowns.initial_velocity for field in (self.basis, self.basis_gradient))
         return state.replace(v=v.expand_as(state.v), C=C.expand_as(state.C), F=F)
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
 BY_DEPTH = "the object is plain: its outline was followed, and how near its surface comes by depth; neither shows what moves along the surface and along the outline"
+IN_MOTION = "frame 0 lies further from rest than the free swing: the body was built in the pose of frame {}"
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -118,7 +119,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     from ..body import build_body
     from ..depth import surface_depth
     from ..outline import follow_outline, with_faces
-    from ..tracks import follow, on_tripod
+    from ..tracks import counted_from, follow, frame_of_rest, on_tripod
 
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
@@ -136,8 +137,12 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
         yield Progress("tracks", text=held.clip.notes[-1])
     if by_outline:
         held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN if held.clip.depth is None else BY_DEPTH)), tracks=with_faces(held.clip, held.tracks))
+    nearest = 0 if by_outline or settings.scene.at_rest or held.clip.depth is None else frame_of_rest(held.tracks)
+    if nearest:
+        held = replace(held, tracks=counted_from(held.tracks, nearest), clip=replace(held.clip, notes=(*held.clip.notes, IN_MOTION.format(nearest))))
     yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
-    body = build_body(held.clip, depth0, settings)
+    shown = held.clip.part(nearest, len(held.clip))
+    body = build_body(shown, surface_depth(shown, settings)[0] if nearest else depth0, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
 
 

@@ -13,7 +13,7 @@ from ..config import Settings
 from ..devices import usable
 from ..errors import InputError
 from ..particles import DensePoints, bind, dense_points
-from ..types import Body, Splats, StartValues
+from ..types import Splats, StartValues
 from ..vibration.coordinates import seen_across
 from .carried import CarriedGaussians
 from .curvature import track_hessian
@@ -27,6 +27,7 @@ from .linear import footprint_load
 from .linear_model import UNKNOWN_TO_MODES
 from .loss import Objective
 from .observed import TrackTarget, acceleration_scale, displacement_scale, liveliest_acceleration
+from .placement import in_body_pose
 from .prepared import Prepared
 from .prior import Prior
 from .resolution import Plan, make_plan
@@ -66,7 +67,7 @@ class Problem:
 def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32, start_scale: float = 1.0) -> Problem:
     """Grid, unknowns, loss and its curvature; `dtype` of the simulation. The solver begins `start_scale` times off the start values."""
     clip, body, device = prepared.clip, prepared.body, usable(settings.fit.device)
-    dense = _dense(body, splats) if settings.experiment.downsample_ratio else None
+    dense = _dense(prepared, splats) if settings.experiment.downsample_ratio else None
     plan = make_plan(
         body,
         prepared.start.young,
@@ -132,7 +133,8 @@ def _concentration(prepared: Prepared) -> float:
 
 def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, device: str) -> CarriedGaussians:
     clip, particles = prepared.clip, disc.particles.x_rest
-    return CarriedGaussians.of(splats, particles, clip.camera, static_background(clip), world_from_particles=prepared.body.world_from_body, device=device)
+    places = in_body_pose(prepared.tracks, splats.mean.astype(float))
+    return CarriedGaussians.of(splats, particles, clip.camera, static_background(clip), world_from_particles=prepared.body.world_from_body, places=places, device=device)
 
 
 def simulated_ahead(prepared: Prepared) -> float:
@@ -156,10 +158,10 @@ def scaled_start(start: StartValues, factor: float) -> StartValues:
     return start if factor == 1.0 else replace(start, young=start.young * factor)
 
 
-def _dense(body: Body, splats: Splats | None) -> DensePoints:
+def _dense(prepared: Prepared, splats: Splats | None) -> DensePoints:
     """What experiment.downsample_ratio is a share of."""
-    surface = np.zeros((0, 3)) if splats is None else splats.mean.astype(float)
-    return dense_points(body, body.to_body(surface))
+    surface = np.zeros((0, 3)) if splats is None else in_body_pose(prepared.tracks, splats.mean.astype(float))
+    return dense_points(prepared.body, prepared.body.to_body(surface))
 
 
 def _motion_unit(prepared: Prepared) -> np.ndarray:

@@ -48,10 +48,11 @@ def simulate_again(
     problem = let_free(recovery.simulation, free_frames)
     if isinstance(problem, MpmProblem):
         displacement, own = material_points(recovery, problem, young_scale, force_scale, device=device, report=report), ~problem.ghost
-        moved = problem.rest[own] + displacement[:, own]
+        rest, moved = problem.rest[own], problem.rest[own] + displacement[:, own]
     else:
-        moved = problem.rest + eigenmodes(recovery, problem, young_scale, force_scale)
-    return recovery.to_world(moved).astype(np.float32)
+        rest, moved = problem.rest, problem.rest + eigenmodes(recovery, problem, young_scale, force_scale)
+    placed = recovery.points - recovery.to_world(rest)  # 0 where the body was built in the pose of frame 0
+    return (recovery.to_world(moved) + placed).astype(np.float32)
 
 
 def let_free(problem: MpmProblem | ModalProblem, frames: int) -> MpmProblem | ModalProblem:

@@ -59,8 +59,8 @@ def follow_on(clip: Clip, tracks: Tracks, depth0: np.ndarray, settings: Settings
     assert clip.labels is not None
     mask = object_mask(clip.labels[0]) & (depth0 > 0)
     pixels, points, valid, _ = _followed(clip, tracks.pixels[0].astype(np.float32), mask, depth0, settings)
-    points[0] = tracks.points[0]
-    return Tracks(pixels, points, valid, clip.depth is not None, tracks.noise_m)
+    points[0] = tracks.points[0] if tracks.first is None else tracks.first
+    return Tracks(pixels, points + (tracks.points[0] - points[0]), valid, clip.depth is not None, tracks.noise_m, first=tracks.first)
 
 
 def _followed(clip: Clip, start: np.ndarray, mask: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

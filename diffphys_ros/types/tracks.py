@@ -19,3 +19,5 @@ class Tracks:
     sd_m: np.ndarray | None = None  # the same for every track and frame [m], shape (T, M, 2): of a coordinate across the line of sight,
     # and along it (infinite where that is not seen); 0 in frame 0, infinite where the track does not hold; None: not estimated
     normals: np.ndarray | None = None  # unit vectors, world, along which alone each point's motion is seen (it lies on the object's outline; see Camera.gradients), shape (M, 3); None: points
+    first: np.ndarray | None = None  # where the points are in frame 0, world [m], shape (M, 3), where `points` lie on the body in a pose nearer to rest
+    # than that of frame 0 and only their displacements are those of the frames; None: in frame 0, too

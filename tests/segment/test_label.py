@@ -14,7 +14,7 @@ from diffphys_ros.segment import label_clip
 from diffphys_ros.segment.given import given_mask
 from diffphys_ros.segment.label import METHODS, first_labels
 from diffphys_ros.segment.motion import motion_mask
-from diffphys_ros.segment.parts import numbered, whole_pieces, split_parts
+from diffphys_ros.segment.parts import numbered, split_parts, whole_pieces
 from diffphys_ros.segment.prompt import Mark
 from diffphys_ros.types import Clip
 from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
