@@ -51,4 +51,4 @@ def test_tracks_that_count_from_another_pose_move_as_before() -> None:
     assert np.allclose(other.points[0], tracks.points[40, kept])
     assert np.allclose(other.points - other.points[0], (tracks.points - tracks.points[0])[:, kept])
     assert other.sd_m is not None
-    assert other.sd_m.shape == other.points.shape[:2] + (2,)
+    assert other.sd_m.shape == (*other.points.shape[:2], 2)
