@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"{out}: holds a run of other seeds; give another folder")
     (out / ABOUT).write_text(json.dumps(about))
     first, count = options.shard
-    kinds = [KINDS[name] for name in options.kinds.split(",")]
+    kinds = [KINDS[name].quick if options.quick else KINDS[name] for name in options.kinds.split(",")]
     jobs = len(os.sched_getaffinity(0))
     clips = clips_of(seeds[first - 1 :: count], kinds, out, Maker(_generator(options.generator), options.mujoco), jobs)
     print(f"{len(clips)} clips of {len(seeds[first - 1 :: count])} seeds", flush=True)
@@ -171,6 +171,7 @@ def _options(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--confirm", type=int, metavar="N", help="N seeds that follow from the commit")
     parser.add_argument("--commit", help="its full name, where there is no repository")
     parser.add_argument("--kinds", default=",".join(FREE), help=f"of {', '.join(KINDS)}")
+    parser.add_argument("--quick", action="store_true", help="of the generator's coarser mesh: scenes in a third of the time")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="I/N")
     parser.add_argument("--generator", type=Path, help="folder of make_scene.py and degrade.py")
     parser.add_argument("--mujoco", default=sys.executable, metavar="PYTHON", help="a Python that has MuJoCo")

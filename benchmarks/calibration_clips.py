@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,11 @@ class Kind:
     colour: bool = False  # colour images alone
     frames: tuple[int, int] | None = None  # fitted, and predicted
 
+    @property
+    def quick(self) -> Kind:
+        """The same of the generator's coarser mesh."""
+        return self if "--quick" in self.scene else replace(self, scene=(*self.scene, "--quick"))
+
 
 KINDS = {
     kind.name: kind
@@ -56,7 +61,7 @@ KINDS = {
         Kind("cord", "cords, large swing", scene=("--family", "cord", "--gravity", "on", "--quick"), densities=True),
         Kind("sheet", "sheets of 1:25", scene=("--family", "sheet", "--gravity", "on", "--quick"), densities=True),
         Kind("block", "thrown on a floor", scene=("--family", "block", "--quick"), densities=True),
-        Kind("hidden", "parts that look alike", scene=("--hidden",), densities=True),
+        Kind("hidden", "parts that look alike, mass told", scene=("--hidden",)),
         Kind("gusts", "two gusts", scene=("--force", "two_gusts"), densities=True),
         Kind("poke", "local pushes", scene=("--force", "poke"), densities=True),
         Kind("moving", "begins in motion", scene=("--moving-start",), densities=True),
