@@ -2,48 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-
-from .types import Camera
 
 GATES = (0.012, 0.004, 0.002, 0.0015)  # residual accepted in each pass, as a share of the depth
 
 
-@dataclass(frozen=True)
-class Planes:
-    """Planes as a camera sees them, one about each of P pixels: inverse depth is linear in pixel coordinates."""
-
-    pixels: np.ndarray  # [px], (P, 2)
-    inverse: np.ndarray  # inverse depth there [1/m], and its change from column to column and from row to row [1/(m px)], (P, 3)
-
-    @property
-    def depth(self) -> np.ndarray:
-        """At their pixels [m], (P,); 0 where nothing was measured."""
-        return np.where(self.inverse[:, 0] > 0, 1 / np.maximum(self.inverse[:, 0], 1e-6), 0.0)
-
-    def only(self, kept: np.ndarray) -> Planes:
-        """Some of them, bool (P,)."""
-        return Planes(self.pixels[kept], self.inverse[kept])
-
-    def in_world(self, camera: Camera) -> np.ndarray:
-        """World vectors n (P, 3) [1/m] of the planes n (x - c) = 1, c the optical centre."""
-        slope = self.inverse[:, 1:]
-        local = slope @ camera.pixel_from_camera[:2]
-        local[:, 2] += self.inverse[:, 0] - (slope * self.pixels).sum(1)
-        return np.asarray(local @ camera.world_from_camera[:3, :3].T)
-
-
 def plane_depth(depth: np.ndarray, pixels: np.ndarray, *, radius: int = 3, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Depth at sub-pixel positions from a plane fitted robustly to the window around each (see planes_at): (P,) [m], 0 where no measured pixel lies at
-    the centre; share of the window on the plane, (P,)."""
-    planes, share = planes_at(depth, pixels, radius=radius, mask=mask)
-    return planes.depth, share
-
-
-def planes_at(depth: np.ndarray, pixels: np.ndarray, *, radius: int, mask: np.ndarray | None = None) -> tuple[Planes, np.ndarray]:
-    """Planes fitted robustly to the windows around sub-pixel positions.
+    """Depth at sub-pixel positions from a plane fitted robustly to the window around each.
 
     On a plane, inverse depth is linear in pixel coordinates, so the fit is exact for flat faces and averages the sensor's
     quantisation (bilinear reading keeps it). Pixels off the plane through the centre are left out in passes of narrowing gates,
@@ -56,7 +21,7 @@ def planes_at(depth: np.ndarray, pixels: np.ndarray, *, radius: int, mask: np.nd
         mask: pixels that may be used, bool, shape (H, W); None: all with a depth.
 
     Returns:
-        The planes, 0 where no measured pixel lies at the centre, and the share of each window that lies on its plane, shape (P,).
+        depth [m], shape (P,), 0 where no measured pixel lies at the centre; share of the window on the plane, shape (P,).
     """
     offset = np.stack(np.meshgrid(np.arange(-radius, radius + 1), np.arange(-radius, radius + 1)), -1).reshape(-1, 2)
     height, width = depth.shape
@@ -75,10 +40,10 @@ def planes_at(depth: np.ndarray, pixels: np.ndarray, *, radius: int, mask: np.nd
     for gate in GATES[1:]:
         fitted = 1 / np.maximum(_fitted(basis, inverse, weight), 1e-6)
         weight = usable & (np.abs(fitted - z) < _gate(fitted, z, weight, gate, z0))
-    found = _solve(basis, inverse, weight)
-    flat = (weight.sum(1) >= min(6, len(offset))) & (found[:, 0] > 0)
-    level = np.stack([1 / np.maximum(z0, 1e-6), *np.zeros((2, len(z0)))], 1)
-    return Planes(pixels, np.where(known[:, None], np.where(flat[:, None], found, level), 0.0)), np.where(known, weight.mean(1), 0.0)
+    value = _solve(basis, inverse, weight)[:, 0]
+    enough = weight.sum(1) >= min(6, len(offset))
+    flat = np.where(enough & (value > 0), 1 / np.maximum(value, 1e-6), z0)
+    return np.where(known, flat, 0.0), np.where(known, weight.mean(1), 0.0)
 
 
 def _solve(basis: np.ndarray, inverse: np.ndarray, weight: np.ndarray) -> np.ndarray:

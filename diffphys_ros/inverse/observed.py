@@ -10,8 +10,6 @@ import torch
 
 from ..types import Body, Camera, Tracks
 
-ACROSS = 1e-3  # cosine between a normal and the line of sight: less is across it [numerical]
-
 
 @dataclass(frozen=True)
 class TrackTarget:
@@ -28,8 +26,7 @@ class TrackTarget:
     camera_from_body: torch.Tensor | None  # (3, 4), only without depth
     focal: torch.Tensor | None  # depth of frame 0 over the focal length [m/px], (M,)
     pixel_from_camera: torch.Tensor | None  # (3, 3)
-    normals: torch.Tensor | None = None  # in the picture, along which alone the points of an outline are seen to move, (M, 2); 0 for those of a surface
-    faces: torch.Tensor | None = None  # body frame, along which alone the points of a surface are seen to move, (M, 3); 0 for those of an outline
+    normals: torch.Tensor | None = None  # in the picture, along which alone the points of an outline are seen to move, (M, 2)
 
     @classmethod
     def of(cls, tracks: Tracks, body: Body, camera: Camera, *, dtype: torch.dtype, device: str) -> TrackTarget:
@@ -45,12 +42,8 @@ class TrackTarget:
             scale = depth / camera.focal_px
             observed = np.where(tracks.valid[..., None], (tracks.pixels - tracks.pixels[:1]) * scale[:, None], 0.0)
             extra = (_camera_from_body(camera, body), scale, camera.pixel_from_camera)
-        seen = _along(tracks, body, camera)
-        if seen is not None:
-            along, surface = ((points - points[:1]) * seen[1]).sum(-1), np.any(seen[1], axis=1)
-            observed = np.where((tracks.valid & surface)[..., None], np.stack([along, np.zeros_like(along)], -1), observed)
         mean_square = float((observed**2).sum() / weight.sum())
-        extra = (*extra, *(seen or (None, None)))
+        extra = (*extra, None if tracks.normals is None else camera.normals_in_picture(tracks.normals))
         tensors = [None if a is None else torch.as_tensor(a, **as_tensor) for a in extra]
         return cls(torch.as_tensor(points[0], **as_tensor), torch.as_tensor(observed, **as_tensor), torch.as_tensor(weight, **as_tensor), mean_square, *tensors)
 
@@ -76,10 +69,7 @@ class TrackTarget:
         if self.camera_from_body is None or self.pixel_from_camera is None or self.focal is None:
             return displacement
         moved = (self._pixels(self.points0 + displacement) - self._pixels(self.points0)) * self.focal[:, None]
-        if self.normals is None or self.faces is None:
-            return moved
-        nearer = (displacement * self.faces).sum(-1, keepdim=True)
-        return (moved * self.normals).sum(-1, keepdim=True) * self.normals + torch.nn.functional.pad(nearer, (0, 1))
+        return moved if self.normals is None else (moved * self.normals).sum(-1, keepdim=True) * self.normals
 
     def _pixels(self, points: torch.Tensor) -> torch.Tensor:
         assert self.camera_from_body is not None
@@ -92,16 +82,6 @@ class TrackTarget:
 def _camera_from_body(camera: Camera, body: Body) -> np.ndarray:
     camera_from_world = np.linalg.inv(camera.world_from_camera)
     return (camera_from_world @ body.world_from_body)[:3]
-
-
-def _along(tracks: Tracks, body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
-    """What points that are seen along normals alone show: those of an outline, across the line of sight, of their motion in the picture (M, 2), those
-    of a surface of that in space (M, 3), body frame; 0 for the other kind."""
-    if tracks.normals is None:
-        return None
-    sight = tracks.points[0] - camera.position
-    surface = np.abs((tracks.normals * sight).sum(1, keepdims=True)) > ACROSS * np.linalg.norm(sight, axis=1, keepdims=True)
-    return np.where(surface, 0.0, camera.normals_in_picture(tracks.normals)), np.where(surface, tracks.normals @ body.world_from_body[:3, :3], 0.0)
 
 
 def acceleration_scale(tracks: Tracks, period_s: float) -> float:

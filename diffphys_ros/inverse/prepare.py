@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 
 UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
-BY_DEPTH = "the object is plain: its outline was followed, and how near its surface comes by depth; neither shows what moves along the surface and along the outline"
 IN_MOTION = "frame 0 lies further from rest than the free swing: the body was built in the pose of frame {}"
 
 
@@ -118,7 +117,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     """The labelled clip and the points followed on the object, its depth in frame 0 [m] (H, W) and where that comes from, and its body."""
     from ..body import build_body
     from ..depth import surface_depth
-    from ..outline import follow_outline, with_faces
+    from ..outline import follow_outline
     from ..tracks import counted_from, follow, frame_of_rest, on_tripod
 
     yield Progress("segment", text="object mask and parts")
@@ -136,7 +135,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
         held = replace(held, clip=_evenly_exposed(held.clip))
         yield Progress("tracks", text=held.clip.notes[-1])
     if by_outline:
-        held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN if held.clip.depth is None else BY_DEPTH)), tracks=with_faces(held.clip, held.tracks))
+        held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN)))
     nearest = 0 if by_outline or settings.scene.at_rest or held.clip.depth is None else frame_of_rest(held.tracks)
     if nearest:
         held = replace(held, tracks=counted_from(held.tracks, nearest), clip=replace(held.clip, notes=(*held.clip.notes, IN_MOTION.format(nearest))))

@@ -36,7 +36,7 @@ def follow_outline(clip: Clip, depth0: np.ndarray) -> Tracks:
     seen = measured(clip, outline, _reach(mask))
     kept = np.isfinite(seen[0]) & (np.isfinite(seen[clip.seen]).mean(0) > LEAST_SHARE)
     if kept.any():
-        spread = spread_of(seen[:, kept])
+        spread = _spread(seen[:, kept])
         kept[kept] = spread <= WORST * np.median(spread)
     if kept.sum() < LEAST_POINTS:
         raise InputError(
@@ -89,8 +89,8 @@ def _swing(labels: np.ndarray) -> tuple[np.ndarray, float]:
 
 def _as_tracks(clip: Clip, outline: Outline, seen: np.ndarray, kept: np.ndarray, depth0: np.ndarray) -> Tracks:
     seen = seen[:, kept]
-    sd_px = spread_of(seen)
-    seen = np.where(np.abs(seen - smooth(seen)) <= np.maximum(GROSS * sd_px, OTHER_PX), seen, np.nan)
+    sd_px = _spread(seen)
+    seen = np.where(np.abs(seen - _smooth(seen)) <= np.maximum(GROSS * sd_px, OTHER_PX), seen, np.nan)
     seen[0] = np.nan_to_num(seen[0])
     valid, moved = np.isfinite(seen), np.nan_to_num(seen)
     moved = moved - moved[0]
@@ -106,7 +106,7 @@ def _as_tracks(clip: Clip, outline: Outline, seen: np.ndarray, kept: np.ndarray,
     return Tracks(pixels, points, valid, False, noise, sd, gradient * size[:, None])
 
 
-def smooth(seen: np.ndarray) -> np.ndarray:
+def _smooth(seen: np.ndarray) -> np.ndarray:
     """The same distances (T, P) by their few principal motions, gaps filled by them."""
     rest = np.nanmedian(seen, 0)
     filled = np.where(np.isfinite(seen), seen - rest, 0.0)
@@ -118,6 +118,6 @@ def smooth(seen: np.ndarray) -> np.ndarray:
     return leading + rest
 
 
-def spread_of(seen: np.ndarray, *, least: float = LEAST_SD_PX) -> np.ndarray:
-    """Standard deviation (P,) of each point's distances (T, P) about the smooth motion, in their unit."""
-    return np.maximum(1.4826 * np.nanmedian(np.abs(seen - smooth(seen)), 0), least)
+def _spread(seen: np.ndarray) -> np.ndarray:
+    """Standard deviation (P,) [px] of each point's distances (T, P) about the smooth motion."""
+    return np.maximum(1.4826 * np.nanmedian(np.abs(seen - _smooth(seen)), 0), LEAST_SD_PX)

@@ -1,8 +1,6 @@
-"""A plain plate that comes nearer: its outline moves outwards in perspective, and depth shows its surface."""
+"""A plain plate that comes nearer: its outline moves outwards in perspective."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 import torch
 
 from diffphys_ros.inverse.observed import TrackTarget
-from diffphys_ros.outline import follow_outline, with_faces
+from diffphys_ros.outline import follow_outline
 from diffphys_ros.outline.edges import coloured_outline, outline_of
 from diffphys_ros.types import Camera, Clip, Tracks
 from tests.made_bar import bar
@@ -42,18 +40,12 @@ def plate(nearer_m: float) -> np.ndarray:
 def clip() -> Clip:
     frames = np.repeat(np.stack([plate(m) for m in NEARER_M])[..., None], 3, 3)
     labels = (frames[..., 0] > 120).astype(np.uint8)
-    depth = np.where(labels > 0, DEPTH_M - NEARER_M[:, None, None], 1.5).astype(np.float32)
-    return Clip(frames, 0, 1 / 30, camera(), labels=labels, depth=depth)
+    return Clip(frames, 0, 1 / 30, camera(), labels=labels)
 
 
 @pytest.fixture(scope="module")
 def tracks(clip: Clip) -> Tracks:
-    return follow_outline(clip, np.where(clip.labels[0] > 0, clip.depth[0], 0.0).astype(np.float32))
-
-
-@pytest.fixture(scope="module")
-def with_surface(clip: Clip, tracks: Tracks) -> Tracks:
-    return with_faces(clip, tracks)
+    return follow_outline(clip, np.where(clip.labels[0] > 0, DEPTH_M, 0.0).astype(np.float32))
 
 
 def test_a_gradient_is_how_a_pixel_moves_along_its_normal() -> None:
@@ -77,31 +69,10 @@ def test_what_comes_nearer_is_seen_along_the_normals_of_an_outline(tracks: Track
     assert np.sqrt(((seen - true) ** 2).mean()) < 0.1 * np.sqrt((true**2).mean())
 
 
-def test_depth_shows_how_near_the_surface_comes_to_a_tenth_of_a_millimetre(tracks: Tracks, with_surface: Tracks) -> None:
-    outline = tracks.pixels.shape[1]
-    assert with_surface.pixels.shape[1] > outline + 20
-    moved = with_surface.points[:, outline:] - with_surface.points[:1, outline:]
-    np.testing.assert_allclose(moved, -NEARER_M[:, None, None] * np.array([0.0, 0.0, 1.0]) * np.ones_like(moved), atol=1e-4)
-    assert with_surface.valid[:, outline:].all()
-
-
-def test_both_kinds_of_points_are_compared_with_a_motion_that_moves_them_so(with_surface: Tracks) -> None:
-    target = TrackTarget.of(with_surface, bar(), camera(), dtype=torch.float64, device="cpu")
-    moved = torch.as_tensor(-NEARER_M[:, None, None] * np.array([0.0, 0.0, 1.0])).expand(-1, with_surface.pixels.shape[1], 3)
+def test_a_motion_is_compared_with_what_the_outline_shows_of_it(tracks: Tracks) -> None:
+    target = TrackTarget.of(tracks, bar(), camera(), dtype=torch.float64, device="cpu")
+    moved = torch.as_tensor(-NEARER_M[:, None, None] * np.array([0.0, 0.0, 1.0])).expand(-1, tracks.pixels.shape[1], 3)
     assert target.loss(moved) < 0.01 * target.loss(0 * moved)
-
-
-def test_a_surface_that_has_turned_away_or_left_is_not_seen(clip: Clip, tracks: Tracks) -> None:
-    gone = clip.depth.copy()
-    gone[3, :, :200] = 0
-    columns = np.arange(SIZE[0], dtype=np.float32)
-    gone[5] = np.where(clip.labels[5] > 0, DEPTH_M - 3e-3 * (columns - 220), 1.5)  # steep: turned by half a right angle
-    found = with_faces(replace(clip, depth=gone), tracks)
-    surface = slice(tracks.pixels.shape[1], None)
-    left = found.pixels[0, surface, 0] < 190
-    assert not found.valid[3, surface][left].any()
-    assert found.valid[3, surface][~left].mean() > 0.8
-    assert not found.valid[5, surface].any()
 
 
 def test_no_point_is_followed_where_two_colours_of_the_object_meet_its_edge() -> None:
