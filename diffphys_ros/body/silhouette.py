@@ -13,6 +13,7 @@ from ..types import Camera
 
 CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
 FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
+GAP_PX = 3.0  # width of a hole from which it is a gap between strands: narrower ones are the mask's own noise
 OFF_SURFACE = 0.25  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
 
 
@@ -107,13 +108,23 @@ def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, h
     return inside
 
 
-def tidy(inside: np.ndarray) -> np.ndarray:
-    """One region without holes, slits and hairs of a cell's width."""
+def tidy(inside: np.ndarray, gaps: np.ndarray | None = None) -> np.ndarray:
+    """One region without slits and hairs of a cell's width, and without holes, but for those that a disc of GAP_PX fits into where the scene is seen
+    through them, `gaps` (nx, ny); None: nowhere."""
     kernel = np.ones((3, 3), np.uint8)
     closed = cv2.morphologyEx(np.pad(inside, 3).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)[3:-3, 3:-3] > 0
-    regions, count = label(binary_fill_holes(opened))
+    whole = binary_fill_holes(opened)
+    regions, count = label(whole if gaps is None else whole & ~_wide_holes(whole & ~opened, gaps))
     return regions == 1 + np.argmax(np.bincount(regions.ravel())[1:]) if count else opened
+
+
+def _wide_holes(holes: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Holes (nx, ny), whole, in which a disc of GAP_PX lies in the gaps (nx, ny)."""
+    side = round(GAP_PX * CELLS_PER_PIXEL)
+    wide = cv2.erode((holes & gaps).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
+    number, _ = label(holes)
+    return holes & np.isin(number, np.unique(number[wide]))
 
 
 def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolerance: int) -> np.ndarray:

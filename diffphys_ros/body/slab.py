@@ -24,13 +24,13 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
-    `scene.thickness_m`, or the silhouette's own local width where that is not given. Without a depth topic the body is a slab
+    `scene.thickness_m`, or the silhouette's own local width where that is not given, a sheet's at most with `experiment.sheet_share`. Without a depth topic the body is a slab
     between two planes, cut out where both show in the mask, and held where it leaves the picture if nobody tells its clamp. Needs `clip.labels`.
 
     Args:
         clip: recording with label images.
         depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
-        settings: `scene.*`.
+        settings: `scene.*` and `experiment.sheet_share`.
         behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object.
         soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
 
@@ -41,11 +41,13 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
     scene, seen = with_edge(clip, scene_of(clip, settings.scene))
     view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px, soft)
-    solid = solid_of(view, scene)
+    solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle
     body = _described(scene, clip, view, pose, solid, part)
+    if settings.experiment.sheet_share and not scene.thickness_m:
+        body = replace(body, sources=body.sources | {"thickness": "a thin sheet (experiment.sheet_share)"})
     return replace(body, sources=body.sources | {"clamp": seen}) if seen else body
 
 

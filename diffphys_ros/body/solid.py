@@ -9,7 +9,7 @@ import numpy as np
 
 from ..config import Scene
 from ..errors import InputError
-from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, smoothed, surface_height, tidy
+from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
 from .view import FrontView
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
@@ -30,30 +30,40 @@ class Solid:
     short_m: float = 0.0  # how far the outline ended before the clamped plane, to which it is continued [m]
 
 
-def solid_of(view: FrontView, scene: Scene) -> Solid:
-    """The solid that a view shows. Raises InputError where nothing of it faces the thickness axis."""
-    inside, height = _front(view, scene)
+def solid_of(view: FrontView, scene: Scene, *, sheet_share: float = 0.0) -> Solid:
+    """The solid that a view shows. Where nobody tells its thickness and `sheet_share` is above 0, a sheet as thick as that share of its longest
+    side at most, with the gaps between its strands. Raises InputError where nothing of it faces the thickness axis."""
+    sheet_share = 0.0 if scene.thickness_m else sheet_share
+    inside, height = _front(view, scene, strands=sheet_share > 0)
     if not inside.any():
         raise InputError(f"{view.source}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
     short = 0
     if view.clamp:
         inside, short = _with_straight_root(view, inside) if view.clamp.drawn else _with_root(view, inside)
-    full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else local_half_width(inside) * view.raster.pitch_m
+    full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else _own_half(inside, sheet_share) * view.raster.pitch_m
     receding = np.clip(view.front - smoothed(height, inside), 0, None)
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
     inside &= half > THINNEST * full
     return Solid(inside, np.where(inside, half, 0.0), view.front - float(full.max()), short * view.raster.pitch_m)
 
 
-def _front(view: FrontView, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Silhouette (nx, ny) and height [m] of the front as far as it is seen."""
+def _own_half(inside: np.ndarray, sheet_share: float) -> np.ndarray:
+    """Half thickness [cells] (nx, ny) that the silhouette itself gives: as thick as it is wide, a sheet no thicker than its share."""
+    half = local_half_width(inside)
+    longest = max(int(np.ptp(np.flatnonzero(inside.any(1 - axis)))) + 1 for axis in (0, 1))
+    return np.minimum(half, sheet_share * longest / 2) if sheet_share else half
+
+
+def _front(view: FrontView, scene: Scene, *, strands: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Silhouette (nx, ny) and height [m] of the front as far as it is seen; `strands`: with the gaps between them."""
     thickness = scene.thickness_m or 0.0
+    gaps = sample(view.soft, view.front_pixels()[0]) < 0.5 if strands else None
     if view.measured is None:
         inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
-        return tidy(inside), np.full(inside.shape, view.front)
+        return tidy(inside, gaps), np.full(inside.shape, view.front)
     height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
     before_middle = view.front - height < (thickness / 2 if thickness else np.inf)
-    return tidy(inside & before_middle), height
+    return tidy(inside & before_middle, gaps), height
 
 
 def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:

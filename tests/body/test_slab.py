@@ -176,6 +176,31 @@ def test_a_stem_much_thinner_than_its_leaf_belongs_to_the_body(clip: Clip) -> No
     assert len(length) * body.pitch_m == pytest.approx(0.235, abs=0.01)  # not half of it
 
 
+def holed(clip: Clip, side: int) -> Clip:
+    """The clip with a square hole through the middle of its object, and the scene behind seen there."""
+    labels, frames = clip.labels.copy(), clip.frames.copy()
+    rows, columns = (np.flatnonzero((labels[0] > 0).any(axis)) for axis in (1, 0))
+    hole = (slice(None), *(slice(int(np.mean(line)) - side // 2, int(np.mean(line)) - side // 2 + side) for line in (rows, columns)))
+    labels[hole], frames[hole] = 0, frames[:, :1, :1]
+    return replace(clip, labels=labels, frames=frames, depth=None)
+
+
+def test_a_sheet_is_thin_and_keeps_the_gaps_between_its_strands(clip: Clip) -> None:
+    thick, sheet = (solid(holed(clip, 9), bar_settings(scene__thickness_m=None, experiment__sheet_share=share)) for share in (0.0, 0.02))
+    assert 2 * sheet.half_thickness.max() == pytest.approx(0.02 * sheet.sides_m[0], rel=0.02)
+    assert "sheet" in sheet.sources["thickness"]
+    missing = (thick.inside & ~sheet.inside).sum() * sheet.pitch_m**2
+    assert missing == pytest.approx((9 * PIXEL_M) ** 2, rel=0.3)
+    speck = solid(holed(clip, 2), bar_settings(scene__thickness_m=None, experiment__sheet_share=0.02))
+    assert speck.silhouette_m2 == pytest.approx(sheet.silhouette_m2 + missing, rel=0.01)
+
+
+def test_a_told_thickness_is_that_of_a_sheet_too(clip: Clip) -> None:
+    told, plain = (solid(clip, bar_settings(experiment__sheet_share=share)) for share in (0.02, 0.0))
+    np.testing.assert_array_equal(told.half_thickness, plain.half_thickness)
+    assert told.sources == plain.sources
+
+
 def test_without_a_clamp_the_body_starts_at_its_lower_edge(clip: Clip) -> None:
     body = solid(clip, bar_settings(scene__clamp_box_m=None, scene__gravity_m_s2=[0.0, 0.0, -9.81]))
     assert not body.clamped

@@ -102,7 +102,7 @@ def _written(chosen: Sequence[Variant], options: argparse.Namespace) -> Path:
         found += rows.without_physics(clip.frames, run, lpips=measure)
         for variant in chosen:
             folder = folder_of(variant, options) / recording.name
-            row = rows.of_recovery(folder, clip.frames, run, variant=variant.name, truth=recording.truth, lpips=measure)
+            row = rows.of_recovery(folder, clip.frames, run, variant=variant.name, truth=recording.truth, lpips=measure, scored=variant.scored)
             found.append(row)
             if variant.table == 1 and not row.why:
                 recovery = result.load(folder)

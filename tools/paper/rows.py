@@ -51,8 +51,8 @@ class Row:
         return self.clip, self.variant, self.device, self.quick
 
 
-def of_recovery(folder: Path, video: np.ndarray, run: Run, *, variant: str, lpips: Lpips | None = None, truth: Path | None = None) -> Row:
-    """The row of a batch's folder; one that failed says why. video uint8 (T, H, W, 3)."""
+def of_recovery(folder: Path, video: np.ndarray, run: Run, *, variant: str, lpips: Lpips | None = None, truth: Path | None = None, scored: int | None = None) -> Row:
+    """The row of a batch's folder; one that failed says why. video uint8 (T, H, W, 3); of the pictures the first `scored` count, None: all."""
     status = read_status(folder)
     if status is None or status.state != "done":
         return Row(run.clip, variant, run.device, run.quick, why=status.reason or status.state if status else "not run")
@@ -63,7 +63,7 @@ def of_recovery(folder: Path, video: np.ndarray, run: Run, *, variant: str, lpip
         about["young_log10_error"] = young_errors(recovery, truth)
     if recovery.frames is None:
         return Row(run.clip, variant, run.device, run.quick, why="holds no rendered frames", **about)
-    return _scored(Row(run.clip, variant, run.device, run.quick, **about), recovery.frames, video, lpips)
+    return _scored(Row(run.clip, variant, run.device, run.quick, **about), recovery.frames[:scored], video, lpips)
 
 
 def without_physics(video: np.ndarray, run: Run, *, lpips: Lpips | None = None) -> list[Row]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diffphys_ros.inverse.prepared import LEAST_FRAMES
 from tools.paper import page, rows
 from tools.paper.pictures import frozen, moving, scores, warped
 from tools.paper.rows import Row
@@ -56,8 +57,13 @@ def test_a_quick_run_keeps_what_its_row_is_about():
     by_name: dict[str, Variant] = {variant.name: variant for variant in VARIANTS}
     settings = by_name["grid_128"].settings(device="cpu", quick=True)
     assert settings["experiment.grid_nodes"] == "128"
-    assert settings["frames.fit"] == "5"
+    assert by_name["grid_128"].scored == 5
     assert settings["fit.device"] == "cpu"
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
+def test_no_row_asks_for_fewer_frames_than_can_be_fitted(variant: Variant):
+    assert int(variant.settings(device="cpu", quick=True)["frames.fit"]) >= LEAST_FRAMES
 
 
 def test_the_page_needs_no_other_file(tmp_path: Path):
