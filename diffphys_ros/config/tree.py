@@ -215,6 +215,7 @@ class Experiment:
     grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of particles.cells (the paper's 64 or 128)", low=16, high=512)
     downsample_ratio: float = setting(0.0, "share of the Gaussians and a dense interior behind them that is kept as particles (paper Table 3); 0: particles on a lattice, which bends more truly", low=0.0, high=1.0)
     sheet_share: float = setting(0.0, "thickness of the body over its longest side, at most, where scene.thickness_m is not told: a thin sheet with the gaps between its strands; 0: as thick as it is wide, without holes", low=0.0, high=1.0)
+    soft_sd: float = setting(0.0, "schedule paper: standard deviations of the prior's log E by which it begins softer than the prior's mean", low=0.0, high=4.0)
     track_spacing_px: int = setting(4, "distance of seed points of the tracks", unit="px", low=1, high=64)
     track_window_px: int = setting(15, "side of the window that is matched", unit="px", low=5, high=63)
     track_round_trip_px: float = setting(0.4, "largest forward-backward error of a track", unit="px", low=0.01, high=10.0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..config import Settings
 from ..start.values import GUESS_SD
 from ..types import StartValues
 from .material_prior import of_parts
@@ -16,22 +17,26 @@ from .unknowns import checked_hold
 NOT_SOUGHT = "the published loss explains the video: what force and stiffness share it cannot tell, so E is the prior's as far as pictures let it be."
 
 
-def as_published(prepared: Prepared, hold: list[str] | None) -> Prepared:
-    """Start values of the schedule paper; young and force that fit.hold names stay as they are told. All frames may carry a force."""
-    held, start, every = checked_hold(hold), prepared.start, np.ones(len(prepared.clip), bool)
+def as_published(prepared: Prepared, settings: Settings) -> Prepared:
+    """Start values of the schedule paper; a force that fit.hold names, and an E that fit.prescribe tells, stay as they are. All frames may carry
+    a force."""
+    held, start, every = checked_hold(settings.fit.hold), prepared.start, np.ones(len(prepared.clip), bool)
     still = np.zeros_like(start.initial_displacement)
     start = replace(start, initial_displacement=still, initial_velocity=still, forced=every)
     if "force" not in held:
         start = replace(start, force=np.zeros_like(start.force))
-    if "young" not in held and prepared.prior is not None:
-        start = _believing(start, prepared)
+    told = "young" in held and settings.fit.prescribe is not None
+    if prepared.prior is not None and not told:
+        start = _believing(start, prepared, settings.experiment.soft_sd)
     return replace(prepared, start=start, zones=None)
 
 
-def _believing(start: StartValues, prepared: Prepared) -> StartValues:
+def _believing(start: StartValues, prepared: Prepared, soft_sd: float) -> StartValues:
+    """With the prior's E, so many of its standard deviations towards soft: forces then act where they are sought, and substeps are few. A wave
+    that crosses a stiff body within a frame leaves a search by pictures the rigid motions alone."""
     assert prepared.prior is not None
     belief = of_parts(prepared.prior, prepared.body, prepared.clip.camera)
-    return replace(start, young=belief.young, log10_young_sd=belief.log10_young_sd)
+    return replace(start, young=belief.young * 10 ** (-soft_sd * belief.log10_young_sd), log10_young_sd=belief.log10_young_sd)
 
 
 def unidentified(found: Confidence) -> Confidence:

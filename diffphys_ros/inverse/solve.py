@@ -35,7 +35,7 @@ def solve(
     settings = suited(prepared, settings)
     prepared = prescribed(prepared, settings)
     if settings.experiment.published:
-        prepared = as_published(prepared, settings.fit.hold)
+        prepared = as_published(prepared, settings)
     zones = None if settings.experiment.published else (yield from zones_of(prepared, settings))
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(usable(settings.fit.device))

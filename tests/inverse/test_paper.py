@@ -67,7 +67,7 @@ def filmed(prepared: Prepared) -> Prepared:
 
 def posed(filmed: Prepared, **words) -> Problem:
     asked = settings(**words)
-    return pose_problem(as_published(filmed, asked.fit.hold), speckled(), asked)
+    return pose_problem(as_published(filmed, asked), speckled(), asked)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def recovery(filmed: Prepared):
 
 def test_forces_act_on_nodes_and_the_gradient_to_them_agrees_with_finite_differences(filmed: Prepared) -> None:
     asked = settings()
-    problem = pose_problem(as_published(filmed, None), speckled(), asked, dtype=torch.float64)
+    problem = pose_problem(as_published(filmed, asked), speckled(), asked, dtype=torch.float64)
     forward, model = problem.forward, Model(problem)
     model.begin_fields()
     unknowns = problem.layout.unpack(model.z.detach(), modes=forward.basis.shape[2])
@@ -138,6 +138,13 @@ def test_a_motion_by_forces_on_nodes_is_had_again_from_the_result_to_the_bit(fil
 def test_what_is_held_leaves_force_only_or_material_only(filmed: Prepared, held: str, free: tuple[str, ...]) -> None:
     problem = posed(filmed, fit__hold=["density", "damping", held])
     assert {stage.free for stage in schedule(problem)} == {free}
+
+
+def test_the_force_is_sought_on_a_body_as_soft_as_the_prior_allows(filmed: Prepared) -> None:
+    believed, soft = (as_published(filmed, settings(experiment__soft_sd=sd)).start for sd in (0.0, 2.0))
+    np.testing.assert_allclose(np.log10(believed.young / soft.young), 2 * believed.log10_young_sd)
+    held = as_published(filmed, settings(experiment__soft_sd=0.0, fit__hold=["density", "damping", "young"])).start
+    np.testing.assert_array_equal(held.young, believed.young)  # force only: at the prior's material, not at what tracks say
 
 
 def test_a_held_force_is_the_told_one_and_acts_on_nodes(filmed: Prepared) -> None:
