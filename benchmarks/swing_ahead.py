@@ -12,6 +12,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
@@ -22,7 +23,7 @@ from diffphys_ros.inverse.swing import MOST_FIRST, Follower
 from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
 
-PERIODS, ROUNDS = 5, 2
+PERIODS, ROUNDS = 5, 3
 STEPS = np.array([0.002, 0.1, 0.1, 0.05])  # of log frequency, drag [1/s], softening, drag of squared speed [1/m]
 USUAL, SPREAD = np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.1, 10.0, 1.0, 1.0])
 LEAST, MOST = np.array([-0.5, 0.0, 0.0, 0.0]), np.array([0.5, 20.0, 3.0, 3.0])
@@ -58,12 +59,12 @@ class Film:
         return under.tip(free)
 
     def better(self, law: np.ndarray, frames: int) -> np.ndarray:
-        """One step of Gauss and Newton on the first frames."""
+        """One step of Gauss and Newton on the first frames, within the bounds: where one number ends at its bound the others are fitted with it there."""
         told, tip = self.told[:frames], self.tip(law, frames)
         unit = EXPECTED * np.linalg.norm(told - told.mean(0))
         slope = np.stack([(self.tip(law + step, frames) - tip).ravel() / step.sum() for step in np.diag(STEPS)], 1) / unit
-        pull = slope.T @ (tip - told).ravel() / unit + (law - USUAL) / SPREAD**2
-        return np.clip(law - np.linalg.solve(slope.T @ slope + np.diag(1 / SPREAD**2), pull), LEAST, MOST)
+        missed = np.concatenate([(tip - told).ravel() / unit, (law - USUAL) / SPREAD])
+        return law + lsq_linear(np.vstack([slope, np.diag(1 / SPREAD)]), -missed, (LEAST - law, MOST - law)).x
 
     def law(self) -> np.ndarray:
         """Fitted on the first half."""

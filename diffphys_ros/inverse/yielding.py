@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 ROUNDS = 2  # of both numbers in turn [numerical]
 LEAST_GAIN = 0.1  # of the error, that a law must explain to be taken [chosen]
@@ -66,7 +67,7 @@ def fitted(let_go: Callable[[Yielding], np.ndarray | None], told: np.ndarray) ->
             break
         slope = np.stack([(each - tip).ravel() / step for each, step in zip(nearby, STEPS, strict=True) if each is not None], 1) / unit
         off = (tip - told).ravel() / unit
-        at = np.clip(at - np.linalg.solve(slope.T @ slope + np.eye(2), slope.T @ off + at), 0, MOST)
+        at = at + lsq_linear(np.vstack([slope, np.eye(2)]), -np.concatenate([off, at]), (-at, MOST - at), method="bvls").x  # one at its bound, the other fits with it there
         found = let_go(Yielding(*at))
         if found is None:
             break

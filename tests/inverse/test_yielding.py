@@ -46,3 +46,16 @@ def test_a_law_leaves_the_calm_frames_their_frequency_and_decay() -> None:
     law = Yielding(0.4, 1.0)
     assert calm.small_hz(law) * (0.999 - 0.004) == pytest.approx(HZ)
     assert calm.drag(law) + law.drag_per_m * 0.5 == pytest.approx(DRAG)
+
+
+def test_a_number_that_ends_at_its_bound_leaves_the_other_right() -> None:
+    """Two numbers that do much the same: where one would have to be less than none, the other is what fits without it."""
+    wave = 100.0 * np.stack([np.sin(np.arange(FRAMES)), np.cos(np.arange(FRAMES))], 1)
+    first, second = wave[:, ::-1], 0.8 * wave[:, ::-1] + 0.6 * wave
+
+    def moved(law: Yielding) -> np.ndarray:
+        return wave + law.softens * first + law.drag_per_m * second
+
+    law = fitted(moved, moved(Yielding(1.0, -0.5))).law
+    assert law.drag_per_m == 0
+    assert law.softens == pytest.approx(1.0 - 0.5 * (first * second).sum() / (first**2).sum(), rel=0.01)
