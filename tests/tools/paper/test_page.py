@@ -66,6 +66,10 @@ def test_no_row_asks_for_fewer_frames_than_can_be_fitted(variant: Variant):
     assert int(variant.settings(device="cpu", quick=True)["frames.fit"]) >= LEAST_FRAMES
 
 
+def test_no_clock_ends_a_quick_run_of_the_published_schedule_before_it_has_a_force():
+    assert all(("fit.time_budget_s" in variant.settings(device="cpu", quick=True)) != variant.published for variant in VARIANTS)
+
+
 def test_the_page_needs_no_other_file(tmp_path: Path):
     png = tmp_path / "a.png"
     png.write_bytes(PNG)
