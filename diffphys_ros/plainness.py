@@ -13,7 +13,7 @@ MOST_POINTS = 200  # that are tried [numerical]
 LEAST_SHARE = 0.9  # of them in which a point must be found [chosen]
 ENOUGH, ENOUGH_SHARE = 8, 0.1  # points that must be, as many as tracks need, and of those tried: sparse strokes hold .2, edges of plain faces .05 [chosen]
 INNER_SHARE = 0.5  # of the half width: so far inside, grey levels are looked at [chosen]
-FINE_PX, LEAST_GREY = 3.0, 1.5  # what is finer than this is texture, and its grey levels (root mean square): compressed film has .5 to .8 on a plain object [chosen]
+FINE_PX, LEAST_GREY = 3.0, 3.0  # what is finer than this is texture, and its grey levels (root mean square within a matching window) about a point that counts: compression of a plain film makes 2.5 [chosen]
 ROUGH_GREY = 4.0  # grey levels of it within a matching window, of half the surface, where it is textured: noise of a camera has less [chosen]
 
 

@@ -86,6 +86,17 @@ def test_a_surface_with_a_few_strokes_is_not_plain(frames: np.ndarray) -> None:
     assert not plain(drawn, mask, MATCHING, spacing_px=4)
 
 
+@pytest.mark.parametrize(("grey", "is_plain"), [(2, True), (12, False)])
+def test_what_compression_leaves_on_a_plain_surface_is_no_texture_though_it_moves_along(frames: np.ndarray, grey: int, is_plain: bool) -> None:
+    pattern = np.random.default_rng(1).integers(-grey, grey + 1, (45, 50, 1)).repeat(3, 0).repeat(3, 1)
+    drawn, mask = frames.repeat(3, 1).repeat(3, 2).astype(int), (truth(0) > 0).repeat(3, 0).repeat(3, 1)
+    drawn[:] = drawn[0]
+    for k in range(FRAMES):
+        drawn[k, 30 + 3 * k : 165 + 3 * k, 180:330] = np.array(LEAF) + pattern
+    mask[:, :180] = False
+    assert plain(np.clip(drawn, 0, 255).astype(np.uint8), mask, MATCHING, spacing_px=4) == is_plain
+
+
 def test_a_patterned_object_that_leaps_is_not_plain(frames: np.ndarray) -> None:
     """None of its points is found again, for it is elsewhere."""
     pattern = np.random.default_rng(1).integers(-25, 25, (HEIGHT // 2, WIDTH // 2, 1)).repeat(2, 0).repeat(2, 1)
