@@ -19,7 +19,7 @@ SPACING = 0.01  # m
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a hundred processes of the tests would each compile the whole package
 
 TESTS = Path(__file__).parent
-SLOW = ("capture", "gates", "nodes", "recover")  # folders of whole recoveries, whole captures and processes: left out of `make check`
+SLOW = ("capture", "gates", "inverse", "nodes", "predict", "resimulate")  # folders of whole recoveries, whole captures and processes: left out of `make check`
 LONGEST_NAME = 200  # letters of a parameter
 SLOW_TIMEOUT_S = 600.0  # their waits end well before
 
