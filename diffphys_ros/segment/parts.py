@@ -69,7 +69,7 @@ def _pieces(region: np.ndarray, least_px: float) -> tuple[np.ndarray, np.ndarray
     """Numbers of connected pieces (H, W), 0 off them, and which of these are the largest or cover `least_px` at least."""
     count, regions, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
     area = np.r_[0, stats[1:, cv2.CC_STAT_AREA]]
-    return regions, (area >= least_px) & (area > 0) | (np.arange(count) == area.argmax()) & (area > 0)
+    return regions, (area > 0) & ((area >= least_px) | (np.arange(count) == area.argmax()))
 
 
 def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray | None:
