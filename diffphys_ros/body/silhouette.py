@@ -14,6 +14,7 @@ from ..types import Camera
 CELLS_PER_PIXEL = 3.0  # raster cells across the footprint of a pixel
 FIXED_POINT_STEPS = 12  # of the search for the surface above a raster cell
 GAP_PX = 3.0  # width of a hole from which it is a gap between strands: narrower ones are the mask's own noise
+END_ARM_PX = 3.0  # over which the direction of its border is read [chosen]
 OFF_SURFACE = 0.25  # of a pixel's footprint: a cell whose own ray ends further to the side is not under the surface
 
 
@@ -143,6 +144,14 @@ def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolera
         if (~gap).sum() <= tolerance:
             filled[: start[j], j] = True
     return filled
+
+
+def ending(inside: np.ndarray) -> np.ndarray:
+    """Columns (ny,) in which the silhouette (nx, ny) has an end towards x = 0, and not a side: its border there lies rather along y than along x."""
+    start = np.where(inside.any(0), np.argmax(inside, axis=0), len(inside))
+    arm = round(END_ARM_PX * CELLS_PER_PIXEL)
+    beside = np.pad(start, arm, mode="edge")
+    return np.minimum(np.abs(beside[: -2 * arm] - start), np.abs(beside[2 * arm :] - start)) <= arm
 
 
 def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarray:

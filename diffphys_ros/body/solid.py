@@ -9,7 +9,7 @@ import numpy as np
 
 from ..config import Scene
 from ..errors import InputError
-from .silhouette import CELLS_PER_PIXEL, carved, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
+from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
 from .view import FrontView
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
@@ -72,7 +72,7 @@ def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     assert view.clamp is not None
     in_box = np.abs(view.raster.centres[0, :, 1]) <= np.abs(view.pose[:3, 1]) @ view.clamp.half_size
     reach, tolerance = round(HIDDEN_ROOT * float(np.flatnonzero(inside.any(1)).max())), round(ROOT_TOLERANCE_PX * CELLS_PER_PIXEL)
-    grown = np.where(in_box, reaching_clamp(inside, _occluded(view), reach=reach, tolerance=tolerance), inside)
+    grown = np.where(in_box, reaching_clamp(inside, _occluded(view, inside), reach=reach, tolerance=tolerance), inside)
     if grown[0].any():
         return grown, 0
     rows = np.flatnonzero((inside & in_box).any(1))
@@ -92,10 +92,11 @@ def _with_straight_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray
     return np.where(np.arange(len(inside))[:, None] < first, inside[first], inside), 0
 
 
-def _occluded(view: FrontView) -> np.ndarray:
-    """Cells (nx, ny) of the front before which something else stands; all of them where no depth can tell."""
+def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
+    """Cells (nx, ny) of the front before which something else stands; where no depth can tell, all that lie behind an end of the silhouette: behind
+    its sides, which a bent body turns to the clamp as well, the scene is seen."""
     if view.measured is None:
-        return np.ones(view.raster.shape, bool)
+        return np.broadcast_to(ending(inside), inside.shape)
     pixels, depth = view.front_pixels()
     measured = nearest(view.measured, pixels)
     return (measured > 0) & (measured < (1 - IN_FRONT) * depth)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -70,6 +71,35 @@ def test_a_root_hidden_behind_its_mount_is_continued_to_the_clamp() -> None:
     body = solid(clip, bar_settings())
     assert body.volume_m3 == pytest.approx(bar().volume, rel=0.015)
     assert body.inside[0].any()
+
+
+def test_a_root_behind_its_mount_is_continued_to_the_clamp_without_depth() -> None:
+    mount = Box(np.array([-0.06, -0.06, -0.06]), np.array([0.0, 0.06, 0.06]))
+    clip = box_clip(bar(), [np.eye(4)], camera_at((-0.2, -0.4, 0.05), (0.08, 0, 0)), mount=mount, depth=False)
+    assert solid(clip, bar_settings()).volume_m3 == pytest.approx(bar().volume, rel=0.015)
+
+
+@pytest.mark.parametrize("sag_m", [-0.04, 0.04])
+def test_the_hollow_side_of_a_bent_root_is_not_filled_where_no_depth_tells_what_hides_it(sag_m: float) -> None:
+    """A bar that sags turns one of its sides to the clamp: behind it the scene is seen, not a mount."""
+    body = solid(sagging(oblique_camera(), sag_m), bar_settings())
+    width, at = body.inside.sum(1) * body.pitch_m, body.origin[0] + body.pitch_m * np.arange(len(body.inside))
+    assert np.median(width[(at > 0.01) & (at < 0.05)]) == pytest.approx(0.06, abs=0.5 * PIXEL_M)
+    assert np.median(width[(at > 0.06) & (at < 0.1)]) == pytest.approx(0.061, abs=0.6 * PIXEL_M)
+
+
+def sagging(camera: Camera, sag_m: float) -> Clip:
+    """A clip of one frame, without depth, of the bar bent downwards as a cantilever is by a load on its end."""
+    x = np.linspace(0, 0.24, 60)
+    centre = np.stack([x, 0 * x, -sag_m * (1.5 * (x / 0.24) ** 2 - 0.5 * (x / 0.24) ** 3)], -1)
+    section = np.array([[0, side, up] for side in (-0.025, 0.025) for up in (-0.03, 0.03)])
+    corners = (camera.project(centre[:, None] + section)[0] + 0.5) * 8
+    fine = np.zeros((8 * camera.height, 8 * camera.width), np.float32)
+    for pair in np.concatenate([corners[:-1], corners[1:]], 1):
+        cv2.fillConvexPoly(fine, cv2.convexHull(np.rint(pair).astype(np.int32)), 1.0)
+    share = fine.reshape(camera.height, 8, camera.width, 8).mean((1, 3))
+    frame = np.rint(60 + 140 * share[..., None] * np.ones(3)).astype(np.uint8)
+    return Clip(frame[None], 1_000_000_000, 1 / 30, camera, labels=(share[None] > 0.5).astype(np.uint8), source="made-up sagging bar")
 
 
 def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip) -> None:
