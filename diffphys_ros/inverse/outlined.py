@@ -131,15 +131,15 @@ class _Trials:
     """Bodies that hang from clamps at several places."""
 
     def __init__(self, clip: Clip, settings: Settings):
-        from ..outline import covered, end_of, rest_outline
+        from ..outline import end_of, rest_cover, rest_outline
 
         self.clip, self.settings = clip, settings
         assert clip.labels is not None
         self.mask = object_mask(clip.labels[0])
         self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
         outline = rest_outline(clip)
-        self.soft = covered(outline, self.mask.shape)
-        self.end_px = end_of(outline, self.line) if self.line is not None else extent_px(self.mask)
+        self.soft = rest_cover(clip, outline)
+        self.end_px = end_of(outline.pixels, self.line) if self.line is not None else extent_px(self.mask)
         self.depth_told = settings.scene.thickness_m is not None
 
     def places(self) -> list[float]:

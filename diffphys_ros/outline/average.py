@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from ..types import Clip, object_mask
 from .edges import Outline, distances, grey_of, outline_of
@@ -10,12 +13,14 @@ from .edges import Outline, distances, grey_of, outline_of
 NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside [chosen]
 REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them [chosen]
 STEP_PX = 2  # between points [numerical]
+CORNER_PX = 12.0  # from a corner within which a smoothed outline cuts it off [chosen]
+OFF_MASK_PX = 2  # that an edge may lie off the mask's border there [chosen]
 FINER = 8  # rows a pixel in which the covered share is measured [numerical]
 END_SHARE = 0.1  # of the object's length: the end face lies in it [chosen]
 
 
-def rest_outline(clip: Clip) -> np.ndarray:
-    """The outline (P, 2) [px] of a clip whose frame 0 is nearest to rest, as it is in that pose, in order along it. Needs `clip.labels`."""
+def rest_outline(clip: Clip) -> Outline:
+    """The outline of a clip whose frame 0 is nearest to rest, as it is in that pose, in order along it. Needs `clip.labels`."""
     assert clip.labels is not None
     inside = object_mask(clip.labels)
     outline = outline_of(grey_of(clip.frames[0]), inside[0], STEP_PX)
@@ -23,7 +28,7 @@ def rest_outline(clip: Clip) -> np.ndarray:
     aside = np.where(clip.seen, np.abs(swing), np.inf)
     near = np.argsort(aside, kind="stable")[: max(min(NEAR, int((aside <= CLOSE * np.abs(swing).max()).sum())), 1)]
     seen = np.stack([distances(grey_of(clip.frames[k]), outline.pixels, outline.normals, outline.level, REACH_PX, outline.contrast) for k in near])
-    return outline.pixels + _at_rest(seen, swing[near], outline)[:, None] * outline.normals
+    return replace(outline, pixels=outline.pixels + _at_rest(seen, swing[near], outline)[:, None] * outline.normals)
 
 
 def _at_rest(seen: np.ndarray, swing: np.ndarray, outline: Outline) -> np.ndarray:
@@ -45,6 +50,21 @@ def _swing(inside: np.ndarray) -> np.ndarray:
     moved = centre - centre.mean(0)
     along = moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
     return along - along[0]
+
+
+def rest_cover(clip: Clip, outline: Outline) -> np.ndarray:
+    """Share of each pixel that the object covers at rest, float32 (H, W): inside its outline there, by the grey levels of frame 0 about corners. Cut
+    off, the corners of a free end would make it lighter. Needs `clip.labels`."""
+    assert clip.labels is not None
+    mask, grey = object_mask(clip.labels[0]), grey_of(clip.frames[0])
+    inner, outer = binary_erosion(mask, iterations=OFF_MASK_PX), binary_dilation(mask, iterations=OFF_MASK_PX)
+    rows, columns = np.indices(mask.shape)
+    cover = covered(outline.pixels, mask.shape)
+    for k in np.flatnonzero((outline.to_corner_px < STEP_PX) & (outline.contrast != 0)):
+        share = np.clip((grey - outline.level[k]) / outline.contrast[k] + 0.5, 0, 1)
+        near = (columns - outline.pixels[k, 0]) ** 2 + (rows - outline.pixels[k, 1]) ** 2 < CORNER_PX**2
+        cover[near] = np.where(inner, 1.0, np.where(outer, share, 0.0))[near]
+    return cover
 
 
 def covered(outline: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

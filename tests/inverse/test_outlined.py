@@ -40,7 +40,7 @@ def test_the_modulus_of_the_beam_is_found_and_its_sd_covers_it(prepared: Prepare
     start = prepared.start
     error = float(np.log10(start.young[0] / DENSITY / STRIP.specific))
     assert start.identified.all()
-    assert abs(error) < 0.025
+    assert abs(error) < 0.015
     assert 0.015 < start.log10_young_sd[0] < 0.04
     assert abs(error) < 2 * start.log10_young_sd[0]
     assert start.observed_hz[0] == pytest.approx(STRIP.hz, rel=2e-3)
