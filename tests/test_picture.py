@@ -85,9 +85,9 @@ def test_a_clamp_line_may_be_the_edge_of_the_picture_and_what_lies_beyond_one_is
     assert mask[:, :, u + 2 :].any()
 
 
-def test_where_no_clamp_is_told_an_object_that_leaves_the_picture_and_stays_is_held_there_and_that_is_said() -> None:
+def test_where_no_clamp_is_told_an_object_that_leaves_the_picture_or_meets_what_is_still_is_held_there_and_that_is_said() -> None:
     camera = camera_at((0.12, -0.6, 0.0), (0.12, 0, 0))
-    straight = box_clip(bar(), [np.eye(4), turned(0.02), turned(-0.02)], camera)
+    straight = box_clip(bar(), [np.eye(4), turned(0.05), turned(-0.05)], camera)
     u = round(float(camera.project(np.array([0.04, -0.025, 0.0]))[0][0]))
     seen = replace(camera, width=240 - u, pixel_from_camera=camera.pixel_from_camera - [[0, 0, u], [0, 0, 0], [0, 0, 0]])
     cut = replace(straight, frames=straight.frames[:, :, u:], labels=straight.labels[:, :, u:], depth=straight.depth[:, :, u:], camera=seen)
@@ -98,7 +98,13 @@ def test_where_no_clamp_is_told_an_object_that_leaves_the_picture_and_stays_is_h
     assert np.abs(held.world_from_body[:3, 0]) == pytest.approx([1, 0, 0], abs=0.01)
     assert not free.clamped, "with depth it stays as it was"
     assert free.sources["clamp"].startswith("taken as free, though the object leaves the picture at its left edge")
-    assert "clamp" not in solid(replace(straight, depth=None), known).sources
+    whole = solid(replace(straight, depth=None), known)
+    assert whole.clamped
+    assert whole.sources["clamp"].startswith("not told: the object meets what is still")
+    assert np.abs(whole.world_from_body[:3, 0]) == pytest.approx([1, 0, 0], abs=0.02)
+    assert whole.sides_m[0] / whole.sides_m[1] == pytest.approx(4, rel=0.03)
+    fallen = replace(straight, depth=None, labels=np.stack([np.roll(labels, 3 * k, 0) for k, labels in enumerate(straight.labels)]))
+    assert "clamp" not in solid(fallen, known).sources
     gone = replace(cut, depth=None, labels=np.where(np.arange(3)[:, None, None] > 0, np.roll(cut.labels, 20, 2), cut.labels))
     gone.labels[1:, :, :20] = 0
     assert not solid(gone, known).clamped, "it left the picture's edge later"

@@ -1,4 +1,4 @@
-"""Where an object leaves the picture and stays: it is held there, as far as the picture shows."""
+"""Where an object leaves the picture and stays, or meets what is still: it is held there, as far as the picture shows."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from ..config import Scene
 from ..types import Clip, object_mask
+from .still_end import still_end
 
 BAND = 1 / 60  # of the picture's shorter side, beside its edge, in which masks are no surer than that
 LEAST_RUN_PX = 8  # along the edge, on which it leaves
@@ -17,18 +18,27 @@ EDGES = ("upper", "lower", "left", "right")
 
 
 def with_edge(clip: Clip, scene: Scene) -> tuple[Scene, str]:
-    """The scene with a line along the picture's edge as its clamp where nobody tells one and the object leaves the picture there, all the
-    time; and what was seen, one clause. With a depth topic the object stays free: what its rest is measured by may tell otherwise."""
+    """The scene with a clamp where nobody tells one: along the picture's edge where the object leaves the picture, all the time, else across its
+    end that meets what is still; and what was seen, one clause. With a depth topic the object stays free: what its rest is measured by may tell otherwise."""
     if scene.clamp_box_m is not None or scene.clamp_px is not None:
         return scene, ""
-    found = leaving(clip)
+    found = _at_edge(clip) or _at_still(clip)
     if found is None:
         return scene, ""
-    edge, line = found
-    seen = f"the object leaves the picture at its {edge} edge, from {line[:2]} to {line[2:]} px, and stays there"
+    seen, line = found
     if clip.depth is not None:
         return scene, f"taken as free, though {seen}; set scene.clamp_px where it is held"
     return replace(scene, clamp_px=line), f"not told: {seen}, where it is taken to be held; set scene.clamp_px where that is wrong"
+
+
+def _at_edge(clip: Clip) -> tuple[str, list[float]] | None:
+    found = leaving(clip)
+    return None if found is None else (f"the object leaves the picture at its {found[0]} edge, from {found[1][:2]} to {found[1][2:]} px, and stays there", found[1])
+
+
+def _at_still(clip: Clip) -> tuple[str, list[float]] | None:
+    line = still_end(clip)
+    return None if line is None else (f"the object meets what is still, from {line[:2]} to {line[2:]} px, and stays there", line)
 
 
 def leaving(clip: Clip) -> tuple[str, list[float]] | None:

@@ -68,7 +68,7 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
     clip = whole.part(first, end)
     clip = replace(clip, notes=(*clip.notes, note))
-    settings = _with_clamp(clip, settings)
+    settings, held_at = _with_clamp(clip, settings)
     clip = replace(clip, camera=_camera(clip.camera))
     hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
     yield Progress("tracks", text=f"too little texture for points: the outline is followed through frames {first}..{end - 1} of {count}, {periods:.1f} periods about rest")
@@ -88,7 +88,7 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     from ..depth import DepthSource
 
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
-    body = replace(body, sources=body.sources | trials.words(hanging))
+    body = replace(body, sources=body.sources | trials.words(hanging, held_at or "clamp_px"))
     return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, moved)
 
 
@@ -102,19 +102,23 @@ def _camera(camera: Camera) -> Camera:
     return replace(camera, pixel_from_camera=matrix)
 
 
-def _with_clamp(clip: Clip, settings: Settings) -> Settings:
-    """With the side of the picture through which the object leaves it as the clamp's line, where none is told."""
-    if settings.scene.clamp_px is not None:
-        return settings
+def _with_clamp(clip: Clip, settings: Settings) -> tuple[Settings, str]:
+    """With the clamp's line where none is told: where the object leaves the picture or meets what is still, else the side of the picture that most of
+    it touches; and what was seen, one clause."""
+    from ..body import with_edge
+
+    scene, seen = with_edge(clip, settings.scene)
+    if scene.clamp_px is not None:
+        return replace(settings, scene=scene), seen
     assert clip.labels is not None
     mask = object_mask(clip.labels[0])
     height, width = mask.shape
     right, low = width - 1.0, height - 1.0
     sides = {"upper": (mask[0], [0.0, 0.0, right, 0.0]), "lower": (mask[-1], [0.0, low, right, low]), "left": (mask[:, 0], [0.0, 0.0, 0.0, low]), "right": (mask[:, -1], [right, 0.0, right, low])}
-    line = max(sides.values(), key=lambda side: int(side[0].sum()))
-    if not line[0].any():
-        return settings
-    return replace(settings, scene=replace(settings.scene, clamp_px=line[1]))
+    edge = max(sides, key=lambda name: int(sides[name][0].sum()))
+    if not sides[edge][0].any():
+        return settings, ""
+    return replace(settings, scene=replace(settings.scene, clamp_px=sides[edge][1])), f"not told: the {edge} edge of the picture, which most of the object touches; set scene.clamp_px where that is wrong"
 
 
 def _steady(clip: Clip, settings: Settings) -> tuple[Clip, CameraMotion | None]:
@@ -192,10 +196,10 @@ class _Trials:
         place = f"{hanging.behind_px:.1f} +- {hanging.behind_px_sd:.1f} px behind the clamp's line"
         return f"size_m {self.settings.scene.size_m:g} m from the held face, {place}, to the free end: {hanging.px_per_m / 1e3:.3g} px/mm"
 
-    def words(self, hanging: Hanging) -> dict[str, str]:
-        """Of the body's sources."""
+    def words(self, hanging: Hanging, line: str) -> dict[str, str]:
+        """Of the body's sources; `line` says where the clamp's comes from."""
         told = "thickness_m" if self.depth_told else "not told: as deep as it is wide in the picture"
-        held = f"clamp_px; the held face lies {hanging.behind_px:.1f} +- {hanging.behind_px_sd:.1f} px behind this line" if self.line is not None else "none"
+        held = f"{line}; the held face lies {hanging.behind_px:.1f} +- {hanging.behind_px_sd:.1f} px behind this line" if self.line is not None else "none"
         return {"metric_scale": self.scale_words(hanging), "thickness": told, "clamp": held}
 
 
