@@ -24,6 +24,7 @@ REFUSED = "refused.txt"  # in place of it: why a seed has no clip
 CONFIRMATION_SEEDS = range(100_000, 1_000_000)  # far from those on which choices are made
 MADE_IN_S = 900.0  # longest time for one scene
 OTHER_SCENES = Path(__file__).with_name("other_scenes.py")  # makes what the generator lacks
+SECOND_TRUTH, SECOND = Path(__file__).with_name("second_truth.py"), "--neo-hookean"  # moves scenes of the generator's by another solid
 OTHERS = ("--family", "--hidden", "--force", "--plain")  # options that are its own
 
 
@@ -64,6 +65,7 @@ KINDS = {
         Kind("hidden", "parts that look alike, mass told", scene=("--hidden",)),
         Kind("gusts", "two gusts", scene=("--force", "two_gusts"), densities=True),
         Kind("poke", "local pushes", scene=("--force", "poke"), densities=True),
+        Kind("second", "another law and integrator", scene=(SECOND, "--quick"), densities=True),
         Kind("moving", "begins in motion", scene=("--moving-start",), densities=True),
     )
 }
@@ -85,8 +87,12 @@ class Maker:
         """The scene of a seed in `out`, unless it is there; `out` holds REFUSED where the generator has none."""
         if (out / STATS).exists() or (out / REFUSED).exists():
             return
-        program = [str(OTHER_SCENES), str(self.folder)] if set(flags) & set(OTHERS) else [str(self.folder / "make_scene.py")]
-        self._call([*program, "--seed", str(seed), *flags, "--out", str(out)], out)
+        self._call([*self._program(flags), "--seed", str(seed), *(flag for flag in flags if flag != SECOND), "--out", str(out)], out)
+
+    def _program(self, flags: Sequence[str]) -> list[str]:
+        if SECOND in flags:
+            return [str(SECOND_TRUTH), str(self.folder)]
+        return [str(OTHER_SCENES), str(self.folder)] if set(flags) & set(OTHERS) else [str(self.folder / "make_scene.py")]
 
     def degrade(self, seed: int, clean: Path, out: Path) -> None:
         """The same scene as a depth camera would record it."""

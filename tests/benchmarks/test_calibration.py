@@ -141,3 +141,15 @@ def test_rows_of_outlines_stand_beside_those_of_points_on_the_same_seeds(calibra
     assert sorted((each["kind"], each["seed"]) for each in shown) == [("plain", 5), ("told", 5)]
     assert "| densities told | outline, colour alone |" in calibration._tables(shown)
     assert [calibration._set_of(kind) for kind in ("told", "plain", "hook")] == ["choice", "evidence", "kinds"]
+
+
+def test_scenes_of_the_second_truth_are_made_by_its_own_script(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import calibration_clips as clips
+
+    asked: list[list[str]] = []
+    monkeypatch.setattr(clips.Maker, "_call", lambda self, words, out: asked.append(list(words)))
+    clips.Maker(tmp_path).make(7, clips.KINDS["second"].scene, tmp_path / "s")
+    clips.Maker(tmp_path).make(7, clips.KINDS["hook"].scene, tmp_path / "h")
+    clips.Maker(tmp_path).make(7, (), tmp_path / "o")
+    assert [Path(words[0]).name for words in asked] == ["second_truth.py", "other_scenes.py", "make_scene.py"]
+    assert clips.SECOND not in asked[0]
