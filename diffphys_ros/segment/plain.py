@@ -17,6 +17,7 @@ LEAST_CHANGE = 12.0  # grey levels that a pixel must change by to be swept over:
 AROUND_PX = 9  # that the swept region is widened by: the object's still root is asked as well [chosen]
 SPECK_PX = 3  # side of the window in which single pixels are no object [chosen]
 LEAST_PX = 50  # of an object, as everywhere [chosen]
+MOST_BORDER = 0.25  # of the picture's border that an object may hold: more is a part of the scene of the object's brightness [chosen]
 ALIKE = 0.5  # share of its usual area that an object may gain or lose in a frame [chosen]
 
 
@@ -35,7 +36,10 @@ def plain_labels(clip: Clip) -> np.ndarray | None:
     region = cv2.dilate(swept.astype(np.uint8), np.ones((2 * AROUND_PX + 1,) * 2)) > 0
     level, _ = cv2.threshold(sample[:, region].astype(np.uint8).ravel(), 0, 255, cv2.THRESH_OTSU)
     found = [np.stack([_object(side * (grey - level), swept) for grey in sample]) for side in (1, -1)]
-    side = (1, -1)[int(np.argmin([_on_border(masks) for masks in found]))]
+    border = [_on_border(masks) for masks in found]
+    if min(border) > MOST_BORDER:
+        return None
+    side = (1, -1)[int(np.argmin(border))]
     labels = np.stack([_object(side * (grey_of(frame) - level), swept) for frame in clip.frames]).astype(np.uint8)
     area = labels.sum((1, 2), dtype=int)
     usual = float(np.median(area))

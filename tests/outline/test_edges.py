@@ -111,6 +111,13 @@ def test_too_short_a_swing_is_refused_by_its_periods(clip: Clip) -> None:
         calm_part(clip.labels[:24], clip.period_s)
 
 
+def test_a_strip_before_a_scene_half_of_which_is_as_bright_is_not_taken_with_it(clip: Clip) -> None:
+    lit = clip.frames.copy()
+    lit[:, 80:] = np.where(np.arange(clip.frames.shape[2])[:, None] < 75, lit[:, 80:], lit.max())
+    lit[:, 100:] = lit.max()
+    assert plain_labels(replace(clip, frames=lit, labels=None)) is None
+
+
 def test_nothing_that_stands_still_is_labelled(clip: Clip) -> None:
     assert plain_labels(replace(clip, frames=np.repeat(clip.frames[:1], 8, 0), labels=None)) is None
 
