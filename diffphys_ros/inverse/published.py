@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..config import Settings
+from ..damping import Damping
 from ..start.values import GUESS_SD
 from ..types import StartValues
 from .material_prior import of_parts
@@ -25,8 +26,10 @@ def as_published(prepared: Prepared, settings: Settings) -> Prepared:
     start = replace(start, initial_displacement=still, initial_velocity=still, forced=every)
     if "force" not in held:
         start = replace(start, force=np.zeros_like(start.force))
-    told = "young" in held and settings.fit.prescribe is not None
-    if prepared.prior is not None and not told:
+    told = held if settings.fit.prescribe is not None else frozenset()
+    if "force" not in held and "damping" not in told:
+        start = replace(start, damping=_braked(start.damping, settings.experiment.frame_drag / prepared.clip.period_s))
+    if prepared.prior is not None and "young" not in told:
         start = _believing(start, prepared, settings.experiment.soft_sd)
     return replace(prepared, start=start, zones=None)
 
@@ -37,6 +40,12 @@ def _believing(start: StartValues, prepared: Prepared, soft_sd: float) -> StartV
     assert prepared.prior is not None
     belief = of_parts(prepared.prior, prepared.body, prepared.clip.camera)
     return replace(start, young=belief.young * 10 ** (-soft_sd * belief.log10_young_sd), log10_young_sd=belief.log10_young_sd)
+
+
+def _braked(damping: Damping[float], drag_per_s: float) -> Damping[float]:
+    """With a drag beside it [1/s], under which the velocity that a force leaves fades within the next frame: that which is sought picture by picture
+    would else have to take back for ever what the one before it left."""
+    return replace(damping, mass_per_s=damping.mass_per_s + drag_per_s)
 
 
 def unidentified(found: Confidence) -> Confidence:

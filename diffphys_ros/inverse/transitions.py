@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
+from functools import partial
+from itertools import islice
 
 import numpy as np
 import torch
@@ -11,16 +14,17 @@ from torch import Tensor
 
 from ..errors import SimulationError
 from ..fields import NodeForce
-from .adam import Best, lowered, plain_descent
-from .descent import Descent, Space
+from .adam import plain_descent
+from .descent import Descent, Rules, Space, begin, descend
 from .model import Model
 from .unknowns import Unknowns
 
+RULES = Rules(memory=20, patience=3)  # of the search for a frame's force: steps that are remembered [numerical]; iterations of under half a percent that end it [numerical]
+
 
 def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[Descent]:
-    """A state for each frame whose force is found; those that `begun` counts are kept. The force of a frame is judged by the pictures of the
-    next experiment.transition_window ones, whose forces are sought along with it and again afterwards: by the next picture alone, a force that
-    comes late would be answered by one of the other sign for ever."""
+    """A state for each frame whose force is found; those that `begun` counts are kept. The force of a frame is judged by the next picture:
+    the velocity that it leaves must be answered by the next force, which experiment.frame_drag lets fade from frame to frame."""
     walk = Walk(model)
     first, values = (0, 0.0) if begun is None else (begun.iteration, begun.value * begun.iteration)
     for frame in range(walk.frames):
@@ -54,18 +58,20 @@ class Walk:
         self.upright = torch.linalg.inv(self.start.F)
 
     def seek(self, frame: int) -> float:
-        """Give the features of a frame, and for the time being of those after it, the values that show the next pictures best; their loss."""
-        features, window = self.field.features, slice(frame, min(frame + self.experiment.transition_window, self.frames))
+        """Give the features of a frame the values that show the next picture best; their loss."""
+        features = self.field.features
+        sought = features[max(frame - 1, 0)].detach().clone()[None].requires_grad_(True)  # force goes on as it was until the picture says otherwise
+        space, loss = Space([sought]), partial(self._loss, sought, frame)
+        state = begin(space, loss())
+        if not math.isfinite(state.value):
+            space.assign(np.zeros_like(state.at))
+            state = begin(space, loss())
+        last = deque([state], maxlen=1)
+        last.extend(islice(descend(space, loss, state, RULES), self.experiment.transition_iterations))
+        space.assign(last[0].at)
         with torch.no_grad():
-            for k in range(max(window.start, 1) if frame == 0 else max(window.stop - 1, 1), window.stop):
-                features[k] = features[k - 1]  # force goes on as it was until pictures say otherwise
-        sought = features[window].detach().clone().requires_grad_(True)
-        best = Best([sought])
-        for _ in lowered([([sought], self.experiment.force_rate)], self.experiment.transition_iterations, self.experiment.last_rate, lambda: self._loss(sought, window), best):
-            pass
-        with torch.no_grad():
-            features[window] = best.values[0]
-        return best.loss
+            features[frame] = sought[0]
+        return last[0].value
 
     def go_on(self, frame: int) -> None:
         """One frame further, as the whole clip will be simulated."""
@@ -73,16 +79,13 @@ class Walk:
             force = self.family[frame] + self.field.decoded(self.field.features[frame : frame + 1])[0] * self.model.allowed[frame]
             self.here = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, force[None], frame)[0]
 
-    def _loss(self, sought: Tensor, window: slice) -> Tensor:
-        """Of the pictures after a window's forces (paper A.12), infinite where the simulation leaves its bounds."""
-        force = self.field.decoded(sought) * self.model.allowed[window]
+    def _loss(self, sought: Tensor, frame: int) -> Tensor:
+        """Of the picture after a frame's force (paper A.12), infinite where the simulation leaves its bounds."""
+        force = self.field.decoded(sought) * self.model.allowed[frame]
         try:
-            states = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, self.family[window] + force, window.start)
+            state = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, self.family[frame] + force, frame)[0]
         except SimulationError as error:
             return self.model.problem.objective.failed(str(error)).total
-        x, F = (torch.stack([getattr(state, name) for state in states]) for name in ("x", "F"))
-        picture = self.term.of_frames(np.arange(window.start, window.stop) + 1, x, self.start.x, F @ self.upright)
-        before = self.field.decoded(self.field.features[window.start - 1 : window.start].detach()) if window.start else force[:0]
+        picture = self.term.of_frames(np.array([frame + 1]), state.x[None], self.start.x, (state.F @ self.upright)[None])
+        before = self.field.decoded(self.field.features[frame - 1 : frame].detach()) if frame else force[:0]
         return self.experiment.image_weight * picture + self.experiment.force_smoothness * self.model.smoothness(torch.cat([before, force]) / self.unit)
-
-

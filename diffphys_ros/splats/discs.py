@@ -86,10 +86,21 @@ def gaussians(discs: Discs, camera: Camera) -> Tensors:
     return pose[:3, 3] + rays * discs.depth[:, None], rotation, torch.cat([scale, thickness], 1), discs.logit.sigmoid(), discs.color
 
 
+def spread(discs: Discs, most_px: float, camera: Camera, *, seed: int) -> Discs:
+    """The same picture, disc by disc, with depths that lie by chance up to `most_px` pixels' width before and behind the surface: which of two covers
+    the other is then settled for every surface that turns by less than their depths differ."""
+    chance = np.random.default_rng(seed).uniform(-most_px, most_px, len(discs))
+    return _moved_along_sight(discs, 1 + discs.depth.new_tensor(chance) / camera.focal_px)
+
+
 def leaning(discs: Discs, camera: Camera, slope: float, towards_rad: float) -> Discs:
     """The same picture, disc by disc, of a surface that leans back by `slope` in a direction of the image: discs move along their
     lines of sight and keep their size there; only which of two covers the other changes."""
     direction = discs.pixel.new_tensor([np.cos(towards_rad), np.sin(towards_rad)])
     across = (discs.pixel.detach() - discs.pixel.detach().mean(0)) @ direction / camera.focal_px
-    factor = 1 + slope * across
+    return _moved_along_sight(discs, 1 + slope * across)
+
+
+def _moved_along_sight(discs: Discs, factor: torch.Tensor) -> Discs:
+    """Depths (G,) times a factor each, as large as before in the picture."""
     return replace(discs, depth=discs.depth * factor, log_scale=discs.log_scale + factor.log()[:, None])

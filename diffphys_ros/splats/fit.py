@@ -12,7 +12,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..types import Camera, Splats, object_mask
 from .descent import DescentPlan, descend
-from .discs import Discs, discs_of, gaussians
+from .discs import Discs, discs_of, gaussians, spread
 from .group import Group, cropped
 from .ply import canonical
 from .primitives import as_splats
@@ -40,7 +40,8 @@ def fit_splats(
     if not count:
         count = round(count_blocks(image, mask, BLOCKS_DB, int(FIRST_SHARE * MOST)) / FIRST_SHARE)
     blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))
-    discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device).leaves()
+    discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device)
+    discs = spread(discs, settings.experiment.splat_spread_px, camera, seed=settings.experiment.seed).leaves()
     group = Group.of([View(image0, camera, labels0)], device)
     known = np.where(mask & np.isfinite(depth0) & (depth0 > 0), depth0, 0).astype(np.float32)
     depth = torch.as_tensor(np.ascontiguousarray(cropped(known, group.window)), device=device)

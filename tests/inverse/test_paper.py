@@ -147,6 +147,21 @@ def test_the_force_is_sought_on_a_body_as_soft_as_the_prior_allows(filmed: Prepa
     np.testing.assert_array_equal(held.young, believed.young)  # force only: at the prior's material, not at what tracks say
 
 
+def test_a_force_that_is_sought_is_braked_by_the_drag_of_a_frame_and_a_told_one_is_not(filmed: Prepared) -> None:
+    period, own = filmed.clip.period_s, filmed.start.damping.mass_per_s
+    sought, told = (as_published(filmed, settings(experiment__frame_drag=1.5, fit__hold=["density", *held])).start for held in (["damping"], ["damping", "force"]))
+    assert sought.damping.mass_per_s == pytest.approx(own + 1.5 / period)
+    assert told.damping.mass_per_s == own
+
+
+def test_what_swings_out_of_the_mask_costs_and_the_unit_is_the_frozen_frame(filmed: Prepared, problem: Problem) -> None:
+    term = problem.objective.evidence["pixels"].term
+    assert (term.mask == term.mask[0]).all()
+    x = problem.forward.simulator.x_rest[None].expand(FRAMES, -1, -1)
+    still = term(x, torch.eye(3).expand(*x.shape[:2], 3, 3), 1.0)[0]
+    assert float(still) == pytest.approx(0.5, rel=1e-4)  # however many pixels the body moves
+
+
 def test_a_held_force_is_the_told_one_and_acts_on_nodes(filmed: Prepared) -> None:
     problem = posed(filmed, fit__hold=["density", "damping", "force"])
     with torch.no_grad():

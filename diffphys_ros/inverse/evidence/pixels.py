@@ -41,7 +41,7 @@ def pixel_evidence(told: Told) -> Evidence | None:
     if told.shown is None or not (w.image_weight > 0 or w.depth_weight > 0):
         return None
     with_depth = w.depth_weight > 0 and told.prepared.tracks.has_depth
-    term = ImageTerm(told.prepared, told.shown, every=told.every, ssim_weight=w.ssim_weight, with_depth=with_depth, margin_px=w.mask_margin_px)
+    term = ImageTerm(told.prepared, told.shown, every=told.every, ssim_weight=w.ssim_weight, with_depth=with_depth, margin_px=w.mask_margin_px, published=w.published)
     term.calibrate(told.x_rest)
     return PixelEvidence(term, w.image_weight, w.depth_weight, told.target.mean_square)
 
@@ -76,9 +76,11 @@ class ImageTerm:
 
     An image misfit becomes one of motion by the share of the frozen first frame's misfit that it has: near the optimum it grows
     with the square of the displacement and is as large as the frozen frame's where the texture no longer overlaps, TEXTURE_PX away.
+    Where nothing but pictures counts (`published`) it stays the share of the frozen frame's misfit, whatever the size of a pixel, and the
+    pixels are those of the region that moves in any frame (paper 4.1): what swings out of the object's mask would else cost nothing there.
     """
 
-    def __init__(self, prepared: Prepared, renderer: CarriedGaussians, *, every: int, ssim_weight: float, with_depth: bool, margin_px: int = 0):
+    def __init__(self, prepared: Prepared, renderer: CarriedGaussians, *, every: int, ssim_weight: float, with_depth: bool, margin_px: int = 0, published: bool = False):
         clip = prepared.clip
         assert clip.labels is not None
         self.renderer, self.ssim_weight = renderer, ssim_weight
@@ -89,7 +91,8 @@ class ImageTerm:
         crop = (self.frames, slice(top, bottom), slice(left, right))  # a copy of these pixels alone
         device, mask = renderer.mean.device, object_mask(clip.labels[crop])
         known = clip.labels[crop] != IGNORE
-        counted = binary_dilation(mask, _ACROSS, margin_px) & known if margin_px else mask
+        region = np.broadcast_to(mask.any(0), mask.shape) if published else mask
+        counted = binary_dilation(region, _ACROSS, margin_px) & known if margin_px else region & known
         self.observed = torch.as_tensor(clip.frames[crop], device=device)  # 0..255
         self.mask = torch.as_tensor(counted, device=device)
         self.depth = self.measured = None
@@ -98,7 +101,7 @@ class ImageTerm:
             self.depth = torch.as_tensor(clip.depth[crop], device=device).float()
             self.measured = known_depth(self.depth, interior)
         self.frozen = 1.0
-        self.overlap = min(1.0, TEXTURE_PX / _rms_motion_px(prepared)) ** 2
+        self.overlap = 1.0 if published else min(1.0, TEXTURE_PX / _rms_motion_px(prepared)) ** 2
 
     def calibrate(self, x0: torch.Tensor) -> None:
         """Measure the image misfit of the frozen first frame: particles (P, 3) that never move."""
