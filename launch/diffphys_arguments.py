@@ -56,6 +56,7 @@ INPUTS = {name: Argument(name, f"topic that ingest_node takes as {name}") for na
     "depth_camera_info": Argument("", "topic that ingest_node takes as depth_camera_info; empty: the one beside a depth that is given"),
 }
 MARKS = {name: Argument(name, f"topic that segment_node takes as {name}") for name in ("click", "first_mask")}
+LINES = {name: Argument(name, f"topic on which two points one after the other draw {what}") for name, what in (("clamp_click", "scene.clamp_px"), ("length_click", "scene.length_px"))}
 INSPECT = {
     "rrd": Argument("diffphys.rrd", "rerun recording that inspect_node writes; earlier ones are kept"),
     "viewer": Argument("", "rerun viewer instead: a grpc URL, spawn, or web for a page at web_port"),
@@ -66,11 +67,14 @@ VIEWERS = {
     "fixed_frame": Argument("world", "of RViz: the frame of the results"),
     "foxglove": Argument("false", "start foxglove_bridge on port 8765; import config/foxglove.json in Foxglove", bool),
 }
+DRAWN_ON = ("segment_node", "splat_node", "fit_node")  # the nodes that take LINES
 # Topics that config/diffphys.rviz names: a namespace goes before them.
 SHOWN = (
     *(f"/fit_node/{name}" for name in ("material_field", "state", "force_markers", "stiffness_markers", "net_force", "rendered", "camera_info")),
     "/clip/image",
     "/click",
+    "/clamp_click",
+    "/length_click",
 )
 SHOWS = {
     "inspect": Argument("true", "start inspect_node", bool),
@@ -89,7 +93,7 @@ LOOKS = {
 # A launch file's arguments, and which of them each of its nodes gets: {argument: parameter}.
 ARGUMENTS = {
     "fit": {**BAG, **FIT, **SETTINGS, **NODE, **VIEWERS, "inspect": Argument("false", "start inspect_node beside it", bool), **INSPECT},
-    "graph": {**INPUTS, **MARKS, **SHOWS, **BAG, **PLAY, **FIT, **SETTINGS, **NODE, **VIEWERS, **INSPECT},
+    "graph": {**INPUTS, **MARKS, **LINES, **SHOWS, **BAG, **PLAY, **FIT, **SETTINGS, **NODE, **VIEWERS, **INSPECT},
     "inspect": {**INSPECT, **LOOKS, **VIEWERS, **NODE},
 }
 _ALL = {"config": "config", "use_sim_time": "use_sim_time"}
@@ -138,8 +142,8 @@ def file_of_all(launch: str, nodes: list[str], given: dict[str, str]) -> str:
 
 def renamed(node: str, given: dict[str, str]) -> list[tuple[str, str]]:
     """The topics that a node of the graph hears under other names. Compressed images follow the raw ones by themselves."""
-    if node == "segment_node":
-        return [(name, given[name]) for name in MARKS]
+    if node in DRAWN_ON:
+        return [(name, given[name]) for name in ((*MARKS, *LINES) if node == "segment_node" else LINES)]
     if node != "ingest_node":
         return []
     depth_info = beside(given["depth"]) if given["depth"] != INPUTS["depth"].default else "depth_camera_info"

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from diffphys_ros.config import Settings
 from diffphys_ros.msg_schemas import TOPICS, messages
-from diffphys_ros.types import Clip
+from diffphys_ros.types import Camera, Clip
 
+from .clicks import LINES, POINT, Drawn, place_of
 from .clip_buffer import DEPTH, END, FIRST_MASK, GRAVITY, IMAGE, INFO, MASK, POSE, ClipBuffer
 from .convert import message_class
 from .limits import MAX_MIB, max_bytes
@@ -51,6 +54,7 @@ class ClipStage(StageNode):
     """
 
     def __init__(self, name: str, own: Sequence[Own] = (), publishes: Sequence[str] = (), *, masks: bool, first_alone: bool = False) -> None:
+        self.drawn = Drawn()
         self.first_alone = first_alone  # of a clip's frames
         self.masks, self.complete, self.pending, self.listens = masks, False, False, False
         self.buffer = ClipBuffer()
@@ -82,6 +86,22 @@ class ClipStage(StageNode):
         for topic in (*CLIP, MASK) if self.masks else CLIP:
             row = TOPICS[topic]
             self.create_subscription(message_class(row.type_name), topic, partial(self._heard, topic), profile(row))
+        reliable = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+        for topic in LINES:
+            self.create_subscription(message_class(POINT), topic, partial(self.draw, topic), reliable)
+
+    def draw(self, topic: str, click: Any) -> None:
+        """A person clicks an end of a line; when it is whole, the work on the clip begins again. Raises InputError for a point that is none."""
+        self.note_input()
+        place_of(click, self.resolve_topic_name(topic))
+        before, self.drawn = self.drawn.whole, self.drawn.clicked(topic, click)
+        if self.drawn.whole != before:
+            self.work_again(f"{topic} came")
+            self.begin()
+
+    def drawing(self) -> Callable[[Settings, Camera], Settings]:
+        """Puts the lines that were drawn in the clip of a job that begins now onto settings, for its camera."""
+        return partial(self.drawn.on, names={topic: self.resolve_topic_name(topic) for topic in LINES})
 
     def _heard(self, topic: str, message: Any, about: Mapping[str, Any]) -> None:
         self.take(topic, message, about.get("source_timestamp") or None)
@@ -101,6 +121,7 @@ class ClipStage(StageNode):
     def renew(self) -> None:
         """Another clip comes in the place of the one before."""
         self.complete = self.pending = False
+        self.drawn = Drawn()
 
     def work_again(self, why: str) -> None:
         """What was told of the buffered clip changed: what was made of it is outdated."""

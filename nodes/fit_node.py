@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import uuid
-from collections.abc import Collection, Generator
+from collections.abc import Callable, Collection, Generator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from diffphys_ros.msg_schemas.recording import results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 from diffphys_ros.result import RECOVERY, check_writable
 from diffphys_ros.splats.ply import to_raw
-from diffphys_ros.types import Splats
+from diffphys_ros.types import Camera, Clip, Splats
 
 from .child import steps
 from .clip_buffer import ClipBuffer
@@ -121,7 +121,7 @@ class FitNode(ClipStage):
         settings, out, resume = self.parameters.settings(), self.parameters["out"], bool(self.parameters["resume"])
         source = Path(self.bag) if self.bag else self.buffer.copy()
         splats = None if self.bag or self.buffer.id is None else self.splats[self.buffer.id].splats
-        return partial(_elsewhere, source, splats, settings, out, resume, self.run, self.get_fully_qualified_name())
+        return partial(_elsewhere, source, splats, settings, self.drawing(), out, resume, self.run, self.get_fully_qualified_name())
 
     def on_news(self, news: Any) -> None:
         if isinstance(news, Published):
@@ -285,9 +285,14 @@ def _equal(a: Gaussians, b: Gaussians) -> bool:
     return a.labels_crc == b.labels_crc and np.array_equal(to_raw(a.splats), to_raw(b.splats))
 
 
-def _elsewhere(source: ClipBuffer | Path, splats: Any, settings: config.Settings, *rest: Any) -> Steps:
+def _elsewhere(source: ClipBuffer | Path, splats: Any, settings: config.Settings, drawn: Callable[[config.Settings, Camera], config.Settings], *rest: Any) -> Steps:
     """The fit in a process of its own; what it publishes becomes messages here, beside the node's thread."""
-    clip = source if isinstance(source, Path) else in_world((yield from assembled(source)), settings)
+    clip: Clip | Path
+    if isinstance(source, Path):
+        clip = source
+    else:
+        clip = in_world((yield from assembled(source)), settings)
+        settings = drawn(settings, clip.camera)
     fit = steps(recover, clip, splats, settings, *rest)
     del source, clip
     with closing(fit):

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from geometry_msgs.msg import PointStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from diffphys_ros.errors import InputError, short
 from diffphys_ros.types import Camera
 
 from .child import steps
+from .clicks import pixel_of, place_of
 from .clip_buffer import MASK
 from .clip_checks import check_labels, in_world, labels_of
 from .clip_stage import ClipStage, assembled
@@ -68,13 +67,15 @@ class SegmentNode(ClipStage):
         self.told = {}
 
     def job(self) -> Job:
-        buffer, settings, told = self.buffer.copy(), self.parameters.settings(), dict(self.told)
+        buffer, settings, told, drawn = self.buffer.copy(), self.parameters.settings(), dict(self.told), self.drawing()
 
         def labelled() -> Generator[Any, None, list[Any]]:
             from diffphys_ros.depth import placed
 
-            clip = placed(in_world((yield from assembled(buffer)), settings), settings)
-            labels = yield from steps(label, clip, settings, mark_of(told, clip.camera, self.names))
+            clip = in_world((yield from assembled(buffer)), settings)
+            told_here = drawn(settings, clip.camera)
+            clip = placed(clip, told_here)
+            labels = yield from steps(label, clip, told_here, mark_of(told, clip.camera, self.names))
             return list(mask_messages(clip.with_labels(labels), slot_stamps(clip, buffer.stamps())))
 
         return labelled
@@ -97,32 +98,3 @@ def mark_of(told: Mapping[str, Any], camera: Camera, names: Mapping[str, str]) -
         point=pixel_of(told[CLICK], camera, names[CLICK]) if CLICK in told else None,
         labels=labels_of(told[FIRST_MASK], names[FIRST_MASK]) if FIRST_MASK in told else None,
     )
-
-
-def place_of(click: Any, topic: str = CLICK) -> np.ndarray:
-    """The point of a geometry_msgs/PointStamped (3,). Raises InputError where it is not finite."""
-    point = np.array([click.point.x, click.point.y, click.point.z])
-    if not np.isfinite(point).all():
-        raise InputError(f"topic {topic}: the point {point.tolist()} is not finite, must be a pixel or a place in m; click on the object")
-    return point
-
-
-def pixel_of(click: Any, camera: Camera, topic: str = CLICK) -> np.ndarray:
-    """Where a geometry_msgs/PointStamped lies in the image (2,) [px].
-
-    In the camera's frame (or without a frame) a point with z = 0 is a pixel u, v, as image viewers send it; one with z > 0 is a point [m],
-    as is one in the world frame. Raises InputError for another frame and for points that the camera does not see.
-    """
-    point, frame = place_of(click, topic), click.header.frame_id
-    if frame in ("", camera.frame_id):
-        if point[2] == 0:
-            return point[:2]
-        point = camera.world_from_camera[:3, :3] @ point + camera.position
-    elif frame != camera.world_frame_id:
-        known = " or ".join(short(name) for name in dict.fromkeys((camera.frame_id, camera.world_frame_id)) if name)
-        raise InputError(f"topic {topic}: a point in frame {short(frame)}, must be in {known}; transform it")
-    with np.errstate(all="ignore"):
-        pixel, depth = camera.project(point)
-    if depth <= 0 or not np.isfinite(pixel).all():
-        raise InputError(f"topic {topic}: the point lies {-depth:.3g} m behind the camera, must be before it; click on the object")
-    return pixel

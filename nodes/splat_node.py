@@ -29,11 +29,11 @@ class SplatNode(ClipStage):
         return super().health() | {"loss": self.loss}
 
     def job(self) -> Job:
-        buffer, settings = self.buffer.copy(), self.parameters.settings()
+        buffer, settings, drawn = self.buffer.copy(), self.parameters.settings(), self.drawing()
 
         def fitted() -> Generator[Any, None, dict[str, Any]]:
             clip = in_world((yield from assembled(buffer, frames=1)), settings)
-            splats, camera = yield from steps(fit, clip, settings)
+            splats, camera = yield from steps(fit, clip, drawn(settings, clip.camera))
             return splat_cloud(splats, messages.header(clip.start_ns, world_frame(camera)), buffer.first_labels_crc())
 
         return fitted

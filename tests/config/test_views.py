@@ -18,6 +18,7 @@ from diffphys_ros.msg_schemas.topics import CAMERA_INFO, CLOUD, DIAGNOSTICS, IMA
 CONFIG = Path(diffphys_ros.__file__).resolve().parent.parent / "config"
 PUBLISHED = {"/" + absolute(name).lstrip("/"): topic for name, topic in TOPICS.items()}
 CLICK = "/click"  # what segment_node listens to
+LINES = ("/clamp_click", "/length_click")  # what all stages of a clip do
 SHOWS = {"PointCloud2": CLOUD, "MarkerArray": MARKERS, "Wrench": WRENCH, "Camera": IMAGE, "Image": IMAGE}  # of rviz_default_plugins
 
 
@@ -59,10 +60,12 @@ def test_rviz_finds_the_camera_of_an_image_beside_it_and_its_frame_in_the_tree(r
 
 
 def test_a_point_that_is_clicked_in_a_viewer_reaches_segment_node(rviz, foxglove):
-    (tool,) = (tool for tool in rviz["Tools"] if tool["Class"].endswith("PublishPoint"))
-    assert tool["Topic"]["Value"] == foxglove["configById"]["3D!diffphys"]["publish"]["pointTopic"] == CLICK
+    tools = [tool["Topic"]["Value"] for tool in rviz["Tools"] if tool["Class"].endswith("PublishPoint")]
+    assert tools == [CLICK, *LINES]
+    assert foxglove["configById"]["3D!diffphys"]["publish"]["pointTopic"] == CLICK
     nodes = CONFIG.parent / "nodes"
     assert f'"{CLICK[1:]}"' in (nodes / "segment_node.py").read_text()
+    assert all(f'"{line[1:]}"' in (nodes / "clicks.py").read_text() for line in LINES)
 
 
 def test_foxglove_shows_topics_of_the_table_and_fields_that_they_have(foxglove):

@@ -98,7 +98,9 @@ def test_a_camera_is_named_by_its_images_and_its_camera_info_is_looked_for_besid
     told = dict(arguments.renamed("ingest_node", given(arguments, "graph", image="/image_raw", camera_info="/info", depth_camera_info="/deep", imu="/imu/data")))
     assert (told["camera_info"], told["depth_camera_info"], told["imu"]) == ("/info", "/deep", "/imu/data")
     assert dict(arguments.renamed("segment_node", given(arguments, "graph", click="/clicked_point")))["click"] == "/clicked_point"
-    assert arguments.renamed("fit_node", given(arguments, "graph")) == []
+    for node in ("segment_node", "splat_node", "fit_node"):
+        assert dict(arguments.renamed(node, given(arguments, "graph", clamp_click="/drawn")))["clamp_click"] == "/drawn"
+    assert arguments.renamed("inspect_node", given(arguments, "graph")) == []
 
 
 def test_without_arguments_the_graph_listens_to_the_names_of_the_nodes(arguments) -> None:

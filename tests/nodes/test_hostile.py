@@ -31,7 +31,7 @@ IMAGE, INFO, POSE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "geom
 PRESSED, IMU = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Imu"
 NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", *(["inspect_node"] if find_spec("rerun") else []))
 RAW = {"image": IMAGE, "depth": IMAGE, "mask": IMAGE, "image/compressed": PRESSED, "depth/compressedDepth": PRESSED, "camera_info": INFO, "depth_camera_info": INFO, "imu": IMU}
-OTHER = {"camera_pose": POSE, "click": "geometry_msgs/msg/PointStamped", "first_mask": IMAGE}
+OTHER = {"camera_pose": POSE, "first_mask": IMAGE} | dict.fromkeys(("click", "clamp_click", "length_click"), "geometry_msgs/msg/PointStamped")
 NAN = float("nan")
 STAMP = 1_700_000_000_000_000_000
 

@@ -56,7 +56,7 @@ def test_every_topic_of_a_node_can_be_overridden(make_node):
     node = make_node(SegmentNode)
     names = {name.rpartition(".")[0] for name in node.list_parameters(["qos_overrides"], 0).names}
     wanted = {f"qos_overrides.{node.resolve_topic_name(name)}.subscription" for name in TOPICS if name.startswith("clip/") and name not in ("clip/mask", "clip/done")}
-    wanted |= {f"qos_overrides./{name}.subscription" for name in ("click", "first_mask")}
+    wanted |= {f"qos_overrides./{name}.subscription" for name in ("click", "first_mask", "clamp_click", "length_click")}
     assert names == wanted | {f"qos_overrides./{name}.publisher" for name in ("clip/mask", "clip/done", "diagnostics")}
     assert offered(node, "/clip/image", "subscription").history in (HistoryPolicy.KEEP_ALL, HistoryPolicy.UNKNOWN)
 

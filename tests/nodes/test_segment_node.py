@@ -14,10 +14,11 @@ from rclpy.executors import SingleThreadedExecutor
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, messages
+from diffphys_ros.nodes.clicks import pixel_of
 from diffphys_ros.nodes.clip_topics import clip_messages, slot_stamps
 from diffphys_ros.nodes.convert import to_ros
 from diffphys_ros.nodes.segment_job import label
-from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode, pixel_of
+from diffphys_ros.nodes.segment_node import CLICK, FIRST_MASK, SegmentNode
 from diffphys_ros.outline import covered
 from diffphys_ros.progress import finished
 from diffphys_ros.segment import Mark
@@ -180,10 +181,10 @@ def test_points_in_pixels_camera_and_world_name_one_pixel(made_clip) -> None:
     world = camera.backproject(np.array([20.0, 30.0]), np.array(0.7))
     local = camera.world_from_camera[:3, :3].T @ (world - camera.position)
     for click in (click_at(20, 30), click_at(20, 30, ""), click_at(*local[:2], z=local[2]), click_at(*world[:2], "world", world[2])):
-        assert np.allclose(pixel_of(click, camera), [20, 30])
+        assert np.allclose(pixel_of(click, camera, CLICK), [20, 30])
 
 
 @pytest.mark.parametrize(("click", "sentence"), [(click_at(0, 0, "map", 1), "must be in 'camera_optical' or 'world'"), (click_at(0, -3, "world", 1), "behind the camera")])
 def test_points_that_are_no_pixel_are_refused(made_clip, click, sentence) -> None:
     with pytest.raises(InputError, match=sentence):
-        pixel_of(click, made_clip.camera)
+        pixel_of(click, made_clip.camera, CLICK)
