@@ -19,7 +19,7 @@ from .descent import Descent, Rules, Space, begin, descend
 from .model import Model
 from .unknowns import Unknowns
 
-RULES = Rules(memory=20, patience=3)  # of the search for a frame's force: steps that are remembered [numerical]; iterations of under half a percent that end it [numerical]
+RULES = Rules(memory=20, patience=None)  # of the search for a frame's force: steps that are remembered [numerical]
 
 
 def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[Descent]:
@@ -60,18 +60,23 @@ class Walk:
     def seek(self, frame: int) -> float:
         """Give the features of a frame the values that show the next picture best; their loss."""
         features = self.field.features
-        sought = features[max(frame - 1, 0)].detach().clone()[None].requires_grad_(True)  # force goes on as it was until the picture says otherwise
+        sought = self._guess(frame).requires_grad_(True)
         space, loss = Space([sought]), partial(self._loss, sought, frame)
-        state = begin(space, loss())
-        if not math.isfinite(state.value):
-            space.assign(np.zeros_like(state.at))
-            state = begin(space, loss())
-        last = deque([state], maxlen=1)
+        last = deque([state := begin(space, loss())], maxlen=1)
         last.extend(islice(descend(space, loss, state, RULES), self.experiment.transition_iterations))
         space.assign(last[0].at)
         with torch.no_grad():
             features[frame] = sought[0]
         return last[0].value
+
+    @torch.no_grad()
+    def _guess(self, frame: int) -> Tensor:
+        """Features (1, voxels, channels) to begin with: shares of those of the frame before, that which shows the next picture best."""
+        before = self.field.features[max(frame - 1, 0)].detach()[None]
+        if not frame:
+            return before.clone()
+        held = held_share(self.experiment.frame_drag)
+        return min((share * before for share in (1.0, 1 - held, 0.0, -held)), key=lambda features: float(self._loss(features, frame)))
 
     def go_on(self, frame: int) -> None:
         """One frame further, as the whole clip will be simulated."""
@@ -89,3 +94,11 @@ class Walk:
         picture = self.term.of_frames(np.array([frame + 1]), state.x[None], self.start.x, (state.F @ self.upright)[None])
         before = self.field.decoded(self.field.features[frame - 1 : frame].detach()) if frame else force[:0]
         return self.experiment.image_weight * picture + self.experiment.force_smoothness * self.model.smoothness(torch.cat([before, force]) / self.unit)
+
+
+def held_share(drag: float) -> float:
+    """By how many times the force under which a free body came from rest in one frame it must be pulled back to stay there in the next, where a
+    velocity fades by exp(-drag) in a frame: 2 without drag, 0 where it fades at once."""
+    if drag < 1e-3:  # where the quotient is rounding
+        return 2.0
+    return (1 - math.exp(-drag)) ** 2 / (drag - 1 + math.exp(-drag))

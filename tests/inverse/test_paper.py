@@ -22,7 +22,7 @@ from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.problem import Problem, pose_problem
 from diffphys_ros.inverse.published import as_published
 from diffphys_ros.inverse.stages import schedule
-from diffphys_ros.inverse.transitions import transitions
+from diffphys_ros.inverse.transitions import Walk, held_share, transitions
 from diffphys_ros.prior import material_prior
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.types import Splats
@@ -160,6 +160,28 @@ def test_what_swings_out_of_the_mask_costs_and_the_unit_is_the_frozen_frame(film
     x = problem.forward.simulator.x_rest[None].expand(FRAMES, -1, -1)
     still = term(x, torch.eye(3).expand(*x.shape[:2], 3, 3), 1.0)[0]
     assert float(still) == pytest.approx(0.5, rel=1e-4)  # however many pixels the body moves
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.5, 2.0, 8.0])
+def test_the_share_of_a_force_that_takes_its_velocity_back_is_that_of_a_free_body(drag: float) -> None:
+    share, place, velocity, steps, ends = held_share(drag), 0.0, 0.0, 20_000, []
+    for force in (1.0, -share):
+        for _ in range(steps):
+            velocity += (force - drag * velocity) / steps
+            place += velocity / steps
+        ends.append(place)
+    assert ends[1] == pytest.approx(ends[0], rel=1e-3)
+
+
+def test_a_search_begins_with_the_share_of_the_last_force_that_shows_the_next_picture_best(problem: Problem) -> None:
+    model = Model(problem)
+    model.enter(schedule(problem)[0])
+    walk, held = Walk(model), held_share(problem.settings.experiment.frame_drag)
+    with torch.no_grad():
+        walk.field.features[0] = 1.0
+    for share in (1.0, 1 - held, 0.0, -held):
+        walk._loss = lambda features, frame, share=share: (features - share).square().sum()  # type: ignore[method-assign]
+        assert walk._guess(1).mean().item() == pytest.approx(share)
 
 
 def test_a_held_force_is_the_told_one_and_acts_on_nodes(filmed: Prepared) -> None:
