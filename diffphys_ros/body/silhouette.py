@@ -147,11 +147,15 @@ def reaching_clamp(inside: np.ndarray, hidden: np.ndarray, *, reach: int, tolera
 
 
 def ending(inside: np.ndarray) -> np.ndarray:
-    """Columns (ny,) in which the silhouette (nx, ny) has an end towards x = 0, and not a side: its border there lies rather along y than along x."""
+    """Columns (ny,) in which the silhouette (nx, ny) has its end towards x = 0: its border there lies rather along y than along x, which its sides do
+    not, and no step lies between it and where the silhouette is nearest to x = 0, as before the shoulders of a leaf on a stem."""
     start = np.where(inside.any(0), np.argmax(inside, axis=0), len(inside))
     arm = round(END_ARM_PX * CELLS_PER_PIXEL)
     beside = np.pad(start, arm, mode="edge")
-    return np.minimum(np.abs(beside[: -2 * arm] - start), np.abs(beside[2 * arm :] - start)) <= arm
+    level = np.minimum(np.abs(beside[: -2 * arm] - start), np.abs(beside[2 * arm :] - start)) <= arm
+    run = np.cumsum(np.abs(np.diff(start, prepend=start[0])) > arm)  # between steps
+    nearest = np.array([start[run == k].min() for k in range(run[-1] + 1)])
+    return level & (nearest <= nearest.min() + arm)[run]
 
 
 def smoothed(height: np.ndarray, inside: np.ndarray, size: int = 9) -> np.ndarray:

@@ -72,7 +72,7 @@ def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     assert view.clamp is not None
     in_box = np.abs(view.raster.centres[0, :, 1]) <= np.abs(view.pose[:3, 1]) @ view.clamp.half_size
     reach, tolerance = round(HIDDEN_ROOT * float(np.flatnonzero(inside.any(1)).max())), round(ROOT_TOLERANCE_PX * CELLS_PER_PIXEL)
-    grown = np.where(in_box, reaching_clamp(inside, _occluded(view, inside), reach=reach, tolerance=tolerance), inside)
+    grown = np.where(in_box, reaching_clamp(inside, _occluded(view, inside & in_box), reach=reach, tolerance=tolerance), inside)
     if grown[0].any():
         return grown, 0
     rows = np.flatnonzero((inside & in_box).any(1))
@@ -93,8 +93,8 @@ def _with_straight_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray
 
 
 def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
-    """Cells (nx, ny) of the front before which something else stands; where no depth can tell, all that lie behind an end of the silhouette: behind
-    its sides, which a bent body turns to the clamp as well, the scene is seen."""
+    """Cells (nx, ny) of the front before which something else stands; where no depth can tell, all that lie behind the end of the silhouette:
+    behind its sides, which a bent body turns to the clamp as well, and behind its shoulders the scene is seen."""
     if view.measured is None:
         return np.broadcast_to(ending(inside), inside.shape)
     pixels, depth = view.front_pixels()

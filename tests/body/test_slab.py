@@ -88,18 +88,36 @@ def test_the_hollow_side_of_a_bent_root_is_not_filled_where_no_depth_tells_what_
     assert np.median(width[(at > 0.06) & (at < 0.1)]) == pytest.approx(0.061, abs=0.6 * PIXEL_M)
 
 
+def test_what_is_seen_beside_a_stem_under_the_shoulders_of_its_leaf_is_no_hidden_root() -> None:
+    """The clamp's box is wider than the stem."""
+    stem, leaf = (cuboid(*sides) for sides in (((0, 0.07), (-0.02, 0.02)), ((0.07, 0.24), (-0.06, 0.06))))
+    body = solid(painted(oblique_camera(), [stem, leaf]), bar_settings())
+    width, at = body.inside.sum(1) * body.pitch_m, body.origin[0] + body.pitch_m * np.arange(len(body.inside))
+    assert np.median(width[(at > 0.01) & (at < 0.06)]) == pytest.approx(0.04, abs=0.5 * PIXEL_M)
+
+
+def cuboid(x: tuple[float, float], z: tuple[float, float]) -> np.ndarray:
+    """Corners (8, 3) of a box as deep as the bar."""
+    return np.array([[along, side, up] for along in x for side in (-0.025, 0.025) for up in z])
+
+
 def sagging(camera: Camera, sag_m: float) -> Clip:
     """A clip of one frame, without depth, of the bar bent downwards as a cantilever is by a load on its end."""
     x = np.linspace(0, 0.24, 60)
     centre = np.stack([x, 0 * x, -sag_m * (1.5 * (x / 0.24) ** 2 - 0.5 * (x / 0.24) ** 3)], -1)
-    section = np.array([[0, side, up] for side in (-0.025, 0.025) for up in (-0.03, 0.03)])
-    corners = (camera.project(centre[:, None] + section)[0] + 0.5) * 8
+    corners = centre[:, None] + cuboid((0, 0), (-0.03, 0.03))[:4]
+    return painted(camera, list(np.concatenate([corners[:-1], corners[1:]], 1)))
+
+
+def painted(camera: Camera, pieces: list[np.ndarray]) -> Clip:
+    """A clip of one frame, without depth, of convex pieces, by their corners (n, 3), of one brightness."""
     fine = np.zeros((8 * camera.height, 8 * camera.width), np.float32)
-    for pair in np.concatenate([corners[:-1], corners[1:]], 1):
-        cv2.fillConvexPoly(fine, cv2.convexHull(np.rint(pair).astype(np.int32)), 1.0)
+    for corners in pieces:
+        pixels = np.rint((camera.project(corners)[0] + 0.5) * 8).astype(np.int32)
+        cv2.fillConvexPoly(fine, cv2.convexHull(pixels), 1.0)
     share = fine.reshape(camera.height, 8, camera.width, 8).mean((1, 3))
     frame = np.rint(60 + 140 * share[..., None] * np.ones(3)).astype(np.uint8)
-    return Clip(frame[None], 1_000_000_000, 1 / 30, camera, labels=(share[None] > 0.5).astype(np.uint8), source="made-up sagging bar")
+    return Clip(frame[None], 1_000_000_000, 1 / 30, camera, labels=(share[None] > 0.5).astype(np.uint8), source="painted")
 
 
 def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip) -> None:
