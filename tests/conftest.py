@@ -19,9 +19,16 @@ SPACING = 0.01  # m
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a hundred processes of the tests would each compile the whole package
 
 TESTS = Path(__file__).parent
-SLOW = ("capture", "gates", "inverse", "nodes", "predict", "resimulate")  # folders of whole recoveries, whole captures and processes: left out of `make check`
+SLOW = ("capture", "gates", "inverse", "nodes", "predict", "resimulate")  # folders of whole recoveries, whole captures and nodes: left out of `make check`
+QUICK = "not slow and not faults"  # the marks of `make check`
 LONGEST_NAME = 200  # letters of a parameter
 SLOW_TIMEOUT_S = 600.0  # their waits end well before
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Folders of which every test would be left out are not even read: what they import takes seconds in every process."""
+    inside = collection_path.is_relative_to(TESTS) and collection_path.relative_to(TESTS).parts[:1]
+    return True if inside and inside[0] in SLOW and config.option.markexpr == QUICK else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

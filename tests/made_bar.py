@@ -31,7 +31,7 @@ def bar(
     poisson: float = 0.3,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
     clamped: bool = True,
-    pitch: float = 5e-4,
+    pitch: float = 1e-3,
 ) -> Body:
     """A bar along x, of parts that meet at `edges` [m]; world and body frames agree."""
     nx, ny = round(length / pitch), round(height / pitch)

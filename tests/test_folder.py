@@ -76,6 +76,7 @@ def killed_at(place: Path, step: int) -> bool:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_step_leaves_the_old_set_or_the_new_one_and_the_next_owner_mends_the_folder(tmp_path: Path) -> None:
     found, step = [], 0
     while not found or not found[-1][1]:

@@ -192,10 +192,12 @@ print(torch.are_deterministic_algorithms_enabled(), *sys.modules)
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, cwd=PACKAGE.parent)
 
 
+@pytest.mark.slow
 def test_the_solver_imports_on_a_machine_without_ros_images_and_plots(solver: subprocess.CompletedProcess[str]) -> None:
     assert solver.returncode == 0, solver.stderr
 
 
+@pytest.mark.slow
 def test_neither_gaussians_nor_a_solve_that_is_repeatable_wait_for_torchs_compiler(solver: subprocess.CompletedProcess[str]) -> None:
     """Which takes seconds to import."""
     repeatable, *imported = solver.stdout.split()

@@ -99,6 +99,7 @@ def test_an_empty_wall_takes_nothing_off():
     assert held.clip.frames is clip.frames
 
 
+@pytest.mark.slow
 def test_what_moves_is_found_though_a_hand_moves_everything():
     """A patterned square swings by 8 px before a patterned wall; the hand by 6 px."""
     rng, true = np.random.default_rng(5), np.zeros((HEIGHT, WIDTH), bool)

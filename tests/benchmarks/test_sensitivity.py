@@ -61,6 +61,7 @@ def test_each_number_of_the_list_exists_is_explained_and_differs_from_its_half_o
     assert (units.comment(), units.source()) == ("weak priors [1/s], [s]: soft solids damp by their strain rate", "chosen")
 
 
+@pytest.mark.slow
 def test_a_multiplied_number_reaches_copies_values_made_of_it_and_default_arguments() -> None:
     of_frequency = ["start.free_tail:FREQUENCY_SD", "start.uncertainty:FREQUENCY_SD", "start.values:FREQUENCY_SD"]
     assert seen("start.free_tail:FREQUENCY_SD", 2.0, *of_frequency) == [0.02, 0.02, 0.02]
@@ -68,15 +69,18 @@ def test_a_multiplied_number_reaches_copies_values_made_of_it_and_default_argume
     assert seen("start.zones:LEVELS[2]", 2.0, "start.zones:LEVELS", "start.zones:_ZoneFit.settled.__kwdefaults__") == [[0.4, 0.2, 0.2], {"levels": [0.2]}]
 
 
+@pytest.mark.slow
 def test_a_multiplied_number_leaves_others_of_its_line_and_of_its_name_alone() -> None:
     assert seen("start.values:ALARM_NOISE", 2.0, "start.values:ALARM_NOISE", "start.values:ALARM_SHARE") == [10.0, 0.12]
     assert seen("vibration.coordinates:LEAST_SHARE", 2.0, "vibration.coordinates:LEAST_SHARE", "start.zone_layout:LEAST_SHARE") == [0.05, 0.3]
 
 
+@pytest.mark.slow
 def test_a_number_within_a_class_can_be_multiplied() -> None:
     assert seen("inverse.prior:Prior.POISSON", 2.0, "inverse.prior:Prior.POISSON", "inverse.prior:Prior.DAMPING") == [4e-3, 2e-3]
 
 
+@pytest.mark.slow
 def test_nothing_leaks_into_a_process_that_has_read_the_number(deciding: ModuleType) -> None:
     number = deciding.Number.of("start.free_tail", "FREQUENCY_SD")
     before, finders = number.value(), list(sys.meta_path)
@@ -111,6 +115,7 @@ def test_a_change_counts_parts_that_are_identified_before_or_after(sensitivity: 
     assert sensitivity.change(answer(), answer(sd=[0.05, 0.4]), None)["sd"] == 1.0  # half as wide is as far off as twice
 
 
+@pytest.mark.slow
 def test_a_process_that_fails_or_hangs_is_an_outcome(sensitivity: ModuleType, tmp_path: Path) -> None:
     told = tmp_path / "told.pickle"
     told.write_bytes(pickle.dumps({}))

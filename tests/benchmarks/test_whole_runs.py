@@ -22,6 +22,7 @@ def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return loaded(SCRIPT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "value"), [('["start.free_tail", "DETUNED", 2.0]', 8), ("[]", 4)])
 def test_a_recovery_sees_the_multiplied_number(what: str, value: int) -> None:
     done = subprocess.run([sys.executable, "-c", LOOK.format(what=what)], cwd=SCRIPT.parent, env={"PYTHONPATH": f"{ROOT}:{SCRIPT.parent}"}, capture_output=True, text=True, check=False)

@@ -31,6 +31,12 @@ def clip() -> Clip:
     return box_clip(bar(cuts=(0.08,)), [np.eye(4)], oblique_camera())
 
 
+@pytest.fixture(scope="module")
+def usual(clip: Clip) -> Body:
+    """Of the bar as it is told."""
+    return solid(clip, bar_settings())
+
+
 def edges(body: Body) -> np.ndarray:
     """Low and high x and y of the silhouette [m], (2, 2): half of the cross-section's area lies inside them at each side."""
     x, y = body.inside.sum(0), body.inside.sum(1)
@@ -46,13 +52,12 @@ def test_volume_and_extents_are_true_to_a_third_of_a_pixel(clip: Clip, depth: bo
     assert np.abs(edges(body) - [[0, -0.03], [0.24, 0.03]]).max() < 0.35 * PIXEL_M
 
 
-def test_the_body_frame_leaves_the_clamp_and_looks_at_the_camera(clip: Clip) -> None:
-    body = solid(clip, bar_settings())
-    assert body.clamped
-    assert np.allclose(body.world_from_body[:3, :3].T, [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-    assert np.linalg.det(body.world_from_body[:3, :3]) == pytest.approx(1)
-    assert np.allclose(body.world_from_body[:3, 3], 0, atol=4e-4)
-    assert np.allclose(body.half_thickness[body.inside].max(), 0.025)
+def test_the_body_frame_leaves_the_clamp_and_looks_at_the_camera(usual: Body) -> None:
+    assert usual.clamped
+    assert np.allclose(usual.world_from_body[:3, :3].T, [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    assert np.linalg.det(usual.world_from_body[:3, :3]) == pytest.approx(1)
+    assert np.allclose(usual.world_from_body[:3, 3], 0, atol=4e-4)
+    assert np.allclose(usual.half_thickness[usual.inside].max(), 0.025)
 
 
 def test_the_clamped_plane_is_5_mm_inside_the_face_through_which_the_body_leaves(clip: Clip) -> None:
@@ -120,13 +125,13 @@ def painted(camera: Camera, pieces: list[np.ndarray]) -> Clip:
     return Clip(frame[None], 1_000_000_000, 1 / 30, camera, labels=(share[None] > 0.5).astype(np.uint8), source="painted")
 
 
-def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip) -> None:
+def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip, usual: Body) -> None:
     gap = 6 * PIXEL_M
     body = solid(clip, bar_settings(scene__clamp_box_m=[-0.05, -0.03, -0.035, 0.005 - gap, 0.03, 0.035]))
     assert body.inside[0].any()
     assert body.volume_m3 == pytest.approx(bar().volume * (0.24 + gap) / 0.24, rel=0.015)
     assert f"{1e3 * gap:.0f}" in body.sources["clamp"].split(" mm before")[0].split("ends ")[1] or "9." in body.sources["clamp"]
-    assert "clamp" not in solid(clip, bar_settings()).sources
+    assert "clamp" not in usual.sources
 
 
 def test_a_clamp_box_beside_the_object_is_refused(clip: Clip) -> None:
@@ -157,23 +162,21 @@ def test_a_thickness_axis_that_the_camera_looks_past_is_refused(clip: Clip) -> N
 
 
 @pytest.mark.parametrize("length", [1e308, 1e-320, 1.7e308])
-def test_how_long_the_thickness_axis_is_does_not_matter(clip: Clip, length: float) -> None:
-    usual, other = (solid(clip, bar_settings(scene__thickness_axis=[0.0, size, 0.0])) for size in (1.0, length))
+def test_how_long_the_thickness_axis_is_does_not_matter(clip: Clip, usual: Body, length: float) -> None:
+    other = solid(clip, bar_settings(scene__thickness_axis=[0.0, length, 0.0]))
     np.testing.assert_array_equal(other.world_from_body, usual.world_from_body)
     assert bar_settings(scene__thickness_axis=[length, -length, length]).scene.thickness_unit == pytest.approx([3**-0.5, -(3**-0.5), 3**-0.5])
 
 
-def test_parts_lie_where_their_pixels_lie(clip: Clip) -> None:
-    body = solid(clip, bar_settings())
+def test_parts_lie_where_their_pixels_lie(usual: Body) -> None:
     x = np.linspace(0.002, 0.238, 60)
     points = np.stack([x, 0 * x], -1)
-    assert np.array_equal(body.part_at(points)[np.abs(x - 0.08) > 0.002], np.where(x < 0.08, 1, 2)[np.abs(x - 0.08) > 0.002])
+    assert np.array_equal(usual.part_at(points)[np.abs(x - 0.08) > 0.002], np.where(x < 0.08, 1, 2)[np.abs(x - 0.08) > 0.002])
 
 
-def test_mass_fixes_density_and_says_so(clip: Clip) -> None:
-    body = solid(clip, bar_settings())
-    assert body.density * body.volume_m3 == pytest.approx(0.36)
-    assert body.sources["density"] == "mass_kg over the filled volume"
+def test_mass_fixes_density_and_says_so(usual: Body) -> None:
+    assert usual.density * usual.volume_m3 == pytest.approx(0.36)
+    assert usual.sources["density"] == "mass_kg over the filled volume"
 
 
 @pytest.mark.parametrize(("mass_kg", "density"), [(1e-6, "0.00"), (1e5, "1.")])
@@ -335,8 +338,8 @@ def test_a_part_without_cells_is_refused_by_its_number(clip: Clip) -> None:
         build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())
 
 
-def test_front_sides_and_mass_are_those_of_the_solid(clip) -> None:
-    body = replace(solid(clip, bar_settings()), density=np.array([800.0, 1200.0]))
+def test_front_sides_and_mass_are_those_of_the_solid(usual: Body) -> None:
+    body = replace(usual, density=np.array([800.0, 1200.0]))
     front, (low, high) = body.front, edges(body)
     np.testing.assert_allclose(body.sides_m[:2], high - low, atol=3 * body.pitch_m)
     assert front.volume.sum() == pytest.approx(body.volume_m3)
@@ -345,11 +348,10 @@ def test_front_sides_and_mass_are_those_of_the_solid(clip) -> None:
     assert body.mass_kg == pytest.approx(body.density @ [front.volume[front.part == k].sum() for k in (1, 2)])
 
 
-def test_parts_given_on_the_front_reach_to_the_nearest_unknown(clip) -> None:
-    body = solid(clip, bar_settings())
-    x = body.front.points[:, 0]
+def test_parts_given_on_the_front_reach_to_the_nearest_unknown(usual: Body) -> None:
+    x = usual.front.points[:, 0]
     number = np.where(x < 0.03, 2, np.where(x > 0.06, 1, 0))
-    other = body.with_parts(number, np.array([900.0, 1000.0]), np.array([0.3, 0.4]))
-    far = np.abs(x - 0.045) > 2 * body.pitch_m
+    other = usual.with_parts(number, np.array([900.0, 1000.0]), np.array([0.3, 0.4]))
+    far = np.abs(x - 0.045) > 2 * usual.pitch_m
     np.testing.assert_array_equal(other.front.part[far], np.where(x < 0.045, 2, 1)[far])
-    np.testing.assert_array_equal(other.inside, body.inside)
+    np.testing.assert_array_equal(other.inside, usual.inside)

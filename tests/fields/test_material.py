@@ -72,6 +72,7 @@ def test_pretraining_leaves_a_field_that_is_at_the_belief_there(name: str) -> No
     assert pretrain(field, X, believed.at(X), YOUNG, steps=5) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_residual_field_learns_a_step_that_the_belief_lacks_where_a_constant_per_part_cannot() -> None:
     one = Believed(POINTS, np.full(len(POINTS), 6e4), np.full(len(POINTS), 0.35))
     target = two_parts(POINTS).at(X)

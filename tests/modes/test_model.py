@@ -17,7 +17,7 @@ from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, m
 
 @pytest.fixture(scope="module")
 def modal() -> ModalModel:
-    return modes_of(bar(), YOUNG)
+    return modes_of(bar(pitch=5e-4), YOUNG)
 
 
 def quadratic(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

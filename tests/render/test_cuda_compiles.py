@@ -5,6 +5,7 @@ import warp as wp
 
 from diffphys_ros.render import cuda_composite, cuda_tiles, harmonics, project
 
+pytestmark = pytest.mark.slow
 COMPUTE_CAPABILITY = 90
 
 

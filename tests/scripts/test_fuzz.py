@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "scripts" / "fuzz.py"
 HEAD = "import ctypes, os, sys, time\nfrom pathlib import Path\n\nCOUNT = 200\nKEPT = []\n\n\ndef case(seed, folder):\n    (folder / 'mine').write_text('hostile')\n"

@@ -50,6 +50,7 @@ def put(toy: Path, name: str, edit: tuple[str, str]) -> None:
     (toy / "tests" / "mutants" / f"{name}.patch").write_text(head + "\n".join(diff) + "\n")
 
 
+@pytest.mark.slow
 def test_a_fault_that_an_assertion_notices_is_told_with_it_and_the_status_is_0(runner, toy, capsys):
     put(toy, "tripled", NOTICED)
     assert runner.main(["--table", str(toy / "table.md")], toy) == 0
@@ -59,18 +60,21 @@ def test_a_fault_that_an_assertion_notices_is_told_with_it_and_the_status_is_0(r
     assert "| tripled | a wrong factor | noticed | the product |" in (toy / "table.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_fault_that_no_test_notices_survives_and_the_status_is_1(runner, toy, capsys):
     put(toy, "thirds", SURVIVES)
     assert runner.main([], toy) == 1
     assert "SURVIVED  thirds" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_fault_that_stops_the_program_is_not_noticed_but_crashed(runner, toy, capsys):
     put(toy, "unknown_name", CRASHES)
     assert runner.main(["unknown_name"], toy) == 1
     assert "crashed   unknown_name" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_patch_that_no_longer_applies_is_an_error_of_status_2_before_any_test(runner, toy, capsys):
     put(toy, "tripled", NOTICED)
     (toy / "diffphys_ros" / "__init__.py").write_text("def double(x):\n    return x + x\n")
@@ -78,6 +82,7 @@ def test_a_patch_that_no_longer_applies_is_an_error_of_status_2_before_any_test(
     assert "tripled.patch no longer applies" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_tests_that_fail_without_any_fault_are_an_error_of_status_2(runner, toy, capsys):
     put(toy, "tripled", NOTICED)
     (toy / "tests" / "test_double.py").write_text(TOY["tests/test_double.py"].replace("== 6", "== 7"))

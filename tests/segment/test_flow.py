@@ -80,6 +80,7 @@ def test_a_plain_wall_that_the_object_sweeps_over_is_no_piece_of_it(to_one_side:
     assert (found & ~true).sum() < 0.03 * true.sum()  # the hole and the gap between the stems are swept over as well
 
 
+@pytest.mark.slow
 def test_the_bundled_strip_that_swings_wider_than_it_is_ends_at_its_outline() -> None:
     folder = Path(__file__).parents[2] / "bags" / "sample_strip"
     settings = layered([folder / "given.yaml"], {"scene.first_mask": None})

@@ -48,6 +48,7 @@ def test_the_object_is_found_again_after_the_arm(scene: Occluded, labels: np.nda
     assert (counted & scene.object[-1]).sum() / (counted | scene.object[-1]).sum() > 0.97
 
 
+@pytest.mark.slow
 def test_an_object_that_is_hidden_as_a_whole_is_ignored_and_found_again() -> None:
     scene = arm_across_a_bar(BOARD, reach=0.5)
     share = scene.hidden.sum((1, 2)) / (scene.hidden | scene.object).sum((1, 2))

@@ -87,6 +87,7 @@ def moved(k):
     return world_from_block, motion
 
 
+@pytest.mark.slow
 def test_frames_of_a_known_motion_give_the_gaussians_of_frame_0():
     """One camera sees the block turn. The frames' motion makes views from around of it; without it they do not fit together."""
     angle, frames = 0.4, [0, -2, -1, 1, 2]

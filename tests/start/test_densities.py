@@ -36,6 +36,7 @@ def struck(body: Body, even: Body) -> StartValues:
     return start_values(even, tracks(truth, q), PERIOD_S, settings(at_rest=True, density_kg_m3=None, mass_kg=even.mass_kg))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0)])
 def test_several_modes_tell_what_each_part_weighs(gravity: tuple[float, float, float]) -> None:
     body, even = uneven(gravity=gravity)
@@ -49,6 +50,7 @@ def test_several_modes_tell_what_each_part_weighs(gravity: tuple[float, float, f
     assert found.density @ even.part_volumes_m3 == pytest.approx(even.mass_kg, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_other_densities_make_the_frequencies_of_a_body_that_has_them() -> None:
     body, even = uneven(gravity=(4.0, 0.0, 0.0))
     wide = modal_model(Elements.of(even, apart=True), [YOUNG, YOUNG * [1, 3], YOUNG * [1, 0.3]], [20, 20, 20])

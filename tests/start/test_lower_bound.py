@@ -36,6 +36,7 @@ def test_a_tip_that_hardly_bends_is_at_least_as_stiff_as_said_and_not_ten_times_
     assert f"hardly strains in the free motion; E is at least {start.young_lower[1]:.2g} Pa." in start.reasons[1]
 
 
+@pytest.mark.slow
 def test_densities_that_nobody_told_lower_the_bound() -> None:
     untold, told = (found(YOUNG[0], 3 * YOUNG[0], poisson_ratio=0.3, density_kg_m3=density).young_lower[1] for density in (None, 600.0))
     assert 0.1 * 3 * YOUNG[0] < untold < 0.65 * told < told < 3 * YOUNG[0]  # 0.74 of it with the densities that were found

@@ -17,6 +17,8 @@ from diffphys_ros.start.material_doubt import POISSON_SD, mode_changes
 from diffphys_ros.types import Body, StartValues
 from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
 
+pytestmark = pytest.mark.slow
+
 
 def started(contrast: float, **scene: object) -> StartValues:
     """Of a bar whose part at the clamp is heavier than the mean by a factor exp(contrast), of the same mass in all."""

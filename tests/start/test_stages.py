@@ -64,6 +64,7 @@ def test_frames_before_and_after_a_gust_carry_a_force_and_a_zero_crossing_is_bri
     np.testing.assert_array_equal(np.flatnonzero(forced.allowed), np.arange(1, 9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("free", "within", "claimed"), [(2, 0.12, False), (10, 0.015, True)])
 def test_a_clip_that_ends_soon_after_the_force_tells_its_stiffness_and_claims_it_only_with_frames_without_force(
     body, truth, free: int, within: float, claimed: bool
@@ -77,6 +78,7 @@ def test_a_clip_that_ends_soon_after_the_force_tells_its_stiffness_and_claims_it
     assert cosine(found.force, gust()[: len(found.force)]) > 0.95
 
 
+@pytest.mark.slow
 def test_a_clip_that_starts_in_motion_has_that_motion_found_beside_force_and_stiffness(body, truth) -> None:
     begun = np.zeros((2, truth.modes))
     begun[0, :2], begun[1, :2] = (2.5e-3, -1e-3), (0.02, 0.03)
@@ -86,6 +88,7 @@ def test_a_clip_that_starts_in_motion_has_that_motion_found_beside_force_and_sti
     assert found.track_cost < 1e-3
 
 
+@pytest.mark.slow
 def test_a_second_gust_that_was_read_as_free_motion_is_found_where_the_modes_do_not_explain_it(body, truth, monkeypatch) -> None:
     """Noise and lost frames hide it from what reads forced frames from the motion alone."""
     second = FORCED.stop - FORCED.start + 6

@@ -158,12 +158,14 @@ def test_a_body_that_does_not_move_yields_a_guess_that_says_so(body, truth):
     assert np.isfinite(found.young).all()
 
 
+@pytest.mark.slow
 def test_a_wrong_body_raises_the_alarm(seen):
     wrong = bar(height=0.04, edges=(0.02,))
     found = start_values(wrong, seen, PERIOD_S, settings(at_rest=True))[0]
     assert not found.identified.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["bulging", "backwards"])
 def test_a_motion_of_a_shape_that_no_mode_has_tells_no_stiffness(body, seen, how):
     """With one that bulges the fit would else claim a modulus .3 off; from one that moves most at the clamp next to nothing follows."""
@@ -196,6 +198,7 @@ def test_a_simulated_two_part_beam_is_recovered(scenes):
     assert cosine(beam.rotate_to_world(found.force), truth["force"].sum(1)) > 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(100.0, 0.0, 0.0), (-60.0, 0.0, 0.0)])  # across the bar: tests/gates/test_doubts.py
 def test_a_gravity_that_is_not_there_leaves_no_stiffness(body, seen, gravity):
     """The frequencies are met at another stiffness, but not all of them at once."""
@@ -211,6 +214,7 @@ def test_a_gravity_that_hardly_matters_leaves_the_stiffness_and_a_spread_that_co
     assert (np.abs(log10_error(found)) < 3 * found.log10_young_sd).all()
 
 
+@pytest.mark.slow
 def test_the_spread_grows_with_what_a_frequency_is_off_by_beyond_what_is_allowed_for(body, seen):
     thicker = replace(body, half_thickness=1.12 * body.half_thickness)
     known = settings(at_rest=True, density_kg_m3=body.density.tolist())

@@ -45,6 +45,7 @@ def test_every_part_has_a_box_about_its_own_particles(made_recovery: Recovery, m
         np.testing.assert_allclose([*box.get_xy(), box.get_width(), box.get_height()], [*here.min(0), *np.ptp(here, axis=0)])
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_figures_of_every_run(made_recovery: Recovery, made_clip: Clip, tmp_path: Path) -> None:
     for run in ("sample, paper", "sample, default"):
         figures.draw_all(tmp_path / run, made_recovery, made_clip)
