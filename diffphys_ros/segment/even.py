@@ -18,7 +18,6 @@ SCENE = 24  # colours that are learnt of the scene [chosen]
 REACH = 0.5  # of the object's extent about it, within which it moves and the scene is learnt [chosen]
 SMOOTH_PX = 1.0  # of the frames, before colours are compared: noise [chosen]
 OPEN_PX = 1  # specks that are no object [chosen]
-SCENE_GREY = 10.0  # by which the scene may differ from frame 0 where it was seen there: colours (CIELAB) nearer to it are the scene [chosen]
 GROWTH = 0.35  # share of the object's area in frame 0 that another frame's may differ by: else colour does not tell it [chosen]
 
 
@@ -53,7 +52,7 @@ class Colours:
         known = ~mask[near] & (self.first[near] != IGNORE)  # the scene itself was seen there
         changed = np.linalg.norm(shown[near] - self.shown[near], axis=1)
         inside, part = np.zeros(mask.shape, bool), np.zeros(mask.shape, self.first.dtype)
-        inside[near] = (distance < self.scene.query(shown[near])[0]) & ~(known & (changed < np.minimum(SCENE_GREY, distance)))
+        inside[near] = (distance < self.scene.query(shown[near])[0]) & ~(known & (changed < distance))
         part[near] = self.owner[index]
         inside = _whole(inside, mask)
         if abs(int(inside.sum()) - int(mask.sum())) > GROWTH * mask.sum():
