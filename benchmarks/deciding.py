@@ -29,7 +29,7 @@ _HELPER = "_multiplied_by_benchmark"
 
 LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, tolerances and iterations of solvers, room of search bounds
     "vibration.coordinates": (
-        "CANDIDATES MOST_COORDINATES LEAST_SEEN<=1 LEAST_SHARE<=1 STEADY_SHARE<=1 STEADY_POINTS OUTLIER WILD SEPARABLE<=1 COHERENT_SHARE<=1"
+        "CANDIDATES MOST_COORDINATES LEAST_SEEN<=1 LEAST_SHARE<=1 STEADY_SHARE<=1 STEADY_POINTS WILD SEPARABLE<=1 COHERENT_SHARE<=1"
     ),
     "vibration.forced_frames": (
         "COMMON_SHARE<=1 CURVED_SHARE<=1 FORCED_SIGMA TAIL_RISE LEAST_EQUATIONS LEAST_TAIL_FRAMES LEAST_TAIL_PERIODS FAINT_SIGMA BRIDGE "
@@ -43,9 +43,9 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     "start.uncertainty": "SILHOUETTE_PX",
     "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",
-    "elements.mesh": "CELLS_ACROSS THINNEST<=1",
+    "elements.mesh": "CELLS_ACROSS",
     "plainness": "LEAST_SHARE<=1 ENOUGH_SHARE<=1 LEAST_GREY ROUGH_GREY",
-    "segment.even": "REACH SCENE_GREY",
+    "segment.even": "REACH",
     "outline.follow": "LEAST_CONTRAST",
 }
 

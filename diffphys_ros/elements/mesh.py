@@ -17,7 +17,6 @@ CELLS_ACROSS = 3.0  # elements across the narrowest limb, at the least: two leav
 MOST_VERTICES = 600  # in the plane [numerical]
 LAYERS = 2  # elements through the thickness [tests/elements/test_assemble.py]
 CLEARANCE = 0.62  # distance of inner points from lines, in element sizes [numerical]
-THINNEST = 0.12  # smallest half thickness as a share of the largest: sharp rims make flat elements [chosen]
 SMOOTHING_ROUNDS = 6  # of the inner points, towards their neighbours [numerical]
 
 
@@ -159,12 +158,12 @@ def contains(outline: list[np.ndarray], points: np.ndarray) -> np.ndarray:
 
 
 def _half_thickness(body: Body, points: np.ndarray, size: float) -> np.ndarray:
-    """Half thickness [m] (n,) at plane points: averaged over a third of an element inside the silhouette."""
+    """Half thickness [m] (n,) at plane points: averaged over a third of an element inside the silhouette, so that a
+    sharp rim is as thick as it is there in the mean."""
     sigma = size / body.pitch_m / 3
     weight = gaussian_filter(body.inside.astype(float), sigma)
     smooth = gaussian_filter(np.where(body.inside, body.half_thickness, 0.0), sigma) / np.maximum(weight, 1e-9)
-    height = smooth[body.cell_of(points)]
-    return np.maximum(height, THINNEST * body.half_thickness[body.inside].max())
+    return smooth[body.cell_of(points)]
 
 
 def extrude(points: np.ndarray, triangles: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,6 @@ LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must 
 OVER_NOISE = 1.5  # times the common noise that it must have as well [chosen]
 NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order [chosen]
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates [chosen]
-ROBUST_ROUNDS, OUTLIER = 4, 4.0  # of the principal coordinates; misfits beyond this many times the median are replaced in each [chosen]
 NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [numerical]
 WILD = 6.0  # misfits of single track positions beyond this many times the median are left out [chosen]
 SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart [chosen]
@@ -148,13 +147,7 @@ def _principal(places: np.ndarray, displacement: np.ndarray, valid: np.ndarray, 
     share = valid[known].mean(0)
     steady = share >= min(STEADY_SHARE, np.sort(share)[-min(STEADY_POINTS, len(share))])
     filled = _from_neighbours(places, displacement, valid & known[:, None])[:, steady]
-    flat = filled.reshape(len(filled), -1)
-    for _ in range(ROBUST_ROUNDS):
-        u, s, vt = np.linalg.svd(flat, full_matrices=False)
-        smooth = (u[:, :CANDIDATES] * s[:CANDIDATES]) @ vt[:CANDIDATES]
-        error = np.linalg.norm(filled - smooth.reshape(filled.shape), axis=2)
-        wild = np.repeat(error > OUTLIER * np.median(error) + 1e-12, 3, 1)
-        flat = np.where(wild, smooth, filled.reshape(flat.shape))
+    u, s, _ = np.linalg.svd(filled.reshape(len(filled), -1), full_matrices=False)
     return u[:, :CANDIDATES] * s[:CANDIDATES] / np.sqrt(filled.shape[1])
 
 

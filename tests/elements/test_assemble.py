@@ -10,6 +10,7 @@ import pytest
 from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.errors import InputError
 from diffphys_ros.modes.model import ModalModel
+from diffphys_ros.types import Body
 from tests.made_bar import bar
 
 YOUNG, DENSITY = 6e5, 600.0
@@ -38,6 +39,20 @@ def test_a_cantilever_bends_at_timoshenko_frequency_within_one_and_a_half_percen
 def test_it_bends_through_the_thickness_at_the_same_frequency_as_in_the_plane():
     found = first_modes(length=0.4, height=0.06, thickness=0.06)
     assert found[1] == pytest.approx(found[0], rel=2e-3)
+
+
+def leaf_on_a_stem(stem_m: float) -> Body:
+    """A stem of that thickness, its leaf ten times as thick as one of 2 mm."""
+    body = bar(length=0.14, height=0.06, thickness=0.02, edges=(), density=DENSITY, pitch=1e-3)
+    x, y = (body.origin[i] + np.arange(n) * body.pitch_m for i, n in enumerate(body.inside.shape))
+    stem = np.broadcast_to((x < 0.08)[:, None], body.inside.shape)
+    return replace(body, inside=~stem | (np.abs(y) < 0.012)[None], half_thickness=np.where(stem, stem_m / 2, body.half_thickness))
+
+
+def test_a_stem_much_thinner_than_its_leaf_bends_as_it_is():
+    """As a spring of its thickness cubed, under a leaf that bends hardly at all."""
+    thin, half = (modal_model(Elements.of(leaf_on_a_stem(stem)), [np.array([YOUNG])], [1]).frequencies(np.array([YOUNG]))[0] for stem in (2e-3, 1e-3))
+    assert thin / half == pytest.approx(2**1.5, rel=0.02)
 
 
 def column(gravity_x: float) -> tuple[ModalModel, np.ndarray]:
