@@ -245,6 +245,7 @@ class Experiment:
     image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
     splat_iterations: int = setting(100, "steps of the fit of the Gaussians to frame 0", low=1, high=100_000)
     splat_spread_px: float = setting(0.0, "depths of the Gaussians of frame 0 lie by chance up to so many pixels' width before and behind the surface, so that which of two covers the other stays as it was fitted while the surface turns", unit="px", low=0.0, high=100.0)
+    splat_edge_px: int = setting(0, "pixels around the mask of frame 0 that the outline may fill in part, before the scene that other frames show there", unit="px", low=0, high=20)
     view_iterations: int = setting(2000, "steps of their fit to many views of a still scene", low=1, high=100_000)
     refine_frames: int = setting(12, "frames of the clip to which the Gaussians are fitted once the motion is recovered; 0: frame 0 alone", low=0, high=10_000)
     prior_timeout_s: float = setting(60.0, "longest time for one answer of the model of prior.model", unit="s", low=0.1, high=3600.0)

@@ -78,9 +78,12 @@ def _solved(
 def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
     """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]."""
     from ..splats import fit_splats
+    from .evidence.pixels import static_background
 
     assert clip.labels is not None
-    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device))
+    edge_px = settings.experiment.splat_edge_px
+    behind = static_background(clip, edge_px=edge_px) if edge_px else None  # what shows through an edge
+    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device), behind=behind)
     splats = yield from told("splats", steps)
     yield Progress("splats", text=f"{len(splats.mean)} Gaussians")
     return splats

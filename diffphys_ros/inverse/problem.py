@@ -80,7 +80,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         ahead=simulated_ahead(prepared),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
-    renderer = None if splats is None else _renderer(prepared, disc, splats, device)
+    renderer = None if splats is None else _renderer(prepared, disc, splats, settings.experiment.splat_edge_px, device)
     return problem_on(prepared, settings, plan, disc, renderer, dtype=dtype, start_scale=start_scale)
 
 
@@ -131,10 +131,10 @@ def _concentration(prepared: Prepared) -> float:
     return float(np.linalg.norm(prepared.modal.footprint_load()) / np.linalg.norm(footprint_load(prepared)))
 
 
-def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, device: str) -> CarriedGaussians:
-    clip, particles = prepared.clip, disc.particles.x_rest
+def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, edge_px: int, device: str) -> CarriedGaussians:
+    clip, particles, behind = prepared.clip, disc.particles.x_rest, static_background(prepared.clip, edge_px=edge_px)
     places = in_body_pose(prepared.tracks, splats.mean.astype(float))
-    return CarriedGaussians.of(splats, particles, clip.camera, static_background(clip), world_from_particles=prepared.body.world_from_body, places=places, device=device)
+    return CarriedGaussians.of(splats, particles, clip.camera, behind, world_from_particles=prepared.body.world_from_body, places=places, device=device)
 
 
 def simulated_ahead(prepared: Prepared) -> float:

@@ -26,11 +26,12 @@ LAST_RATE = 0.1  # of the steps at the end over those at the start
 
 
 def fit_splats(
-    image0: np.ndarray, labels0: np.ndarray, depth0: np.ndarray, camera: Camera, settings: Settings, device: str = "cpu"
+    image0: np.ndarray, labels0: np.ndarray, depth0: np.ndarray, camera: Camera, settings: Settings, device: str = "cpu", *, behind: np.ndarray | None = None
 ) -> Generator[tuple[int, int, float], None, Splats]:
     """Gaussians of the object in frame 0; yields (iteration, iterations, loss) and returns canonical Splats.
 
-    image0 uint8 (H, W, 3), labels0 (H, W) (255 is neither fitted nor painted), depth0 (H, W) [m, 0 where unknown].
+    image0 uint8 (H, W, 3), labels0 (H, W) (255 is neither fitted nor painted), depth0 (H, W) [m, 0 where unknown]; behind uint8 (H, W, 3): the scene
+    without the object, None: the picture around it.
     Raises InputError where the mask is empty or no masked pixel has a depth.
     """
     mask = object_mask(labels0)
@@ -42,7 +43,7 @@ def fit_splats(
     blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))
     discs = discs_of(blocks, surface_at(blocks.centre, depth0, mask, camera), device)
     discs = spread(discs, settings.experiment.splat_spread_px, camera, seed=settings.experiment.seed).leaves()
-    group = Group.of([View(image0, camera, labels0)], device)
+    group = Group.of([View(image0, camera, labels0, behind, edge_px=settings.experiment.splat_edge_px)], device)
     known = np.where(mask & np.isfinite(depth0) & (depth0 > 0), depth0, 0).astype(np.float32)
     depth = torch.as_tensor(np.ascontiguousarray(cropped(known, group.window)), device=device)
     counts = {round(share * iterations): count for share in SPLIT_AT}

@@ -24,6 +24,7 @@ class Group:
     window: Window
     image: torch.Tensor  # uint8, (V, h, w, 3)
     mask: torch.Tensor  # bool, (V, h, w)
+    edge: torch.Tensor  # View.edge, bool, (V, h, w)
     counted: torch.Tensor  # not ignored, bool, (V, h, w)
     behind: torch.Tensor  # uint8, full pictures, (V, H, W, 3), or (H, W, 3) where all are alike
     views: Sequence[View]
@@ -40,8 +41,9 @@ class Group:
         counted = [np.ones(mask.shape[1:], bool) if v.labels is None else v.mask | (v.labels == 0) for v in views]
         shared = all(v.background is views[0].background for v in views) and views[0].background is not None
         behind = torch.as_tensor(views[0].behind, device=device) if shared else stacked([v.behind for v in views])
-        image, seen, valid = (stacked([cropped(a, window) for a in arrays]) for arrays in ([v.image for v in views], mask, counted))
-        return cls(Rasterizer(views[0].camera, device), window, image, seen, valid, behind, views)
+        kinds = [v.image for v in views], mask, [v.edge for v in views], counted
+        image, seen, edge, valid = (stacked([cropped(a, window) for a in arrays]) for arrays in kinds)
+        return cls(Rasterizer(views[0].camera, device), window, image, seen, edge, valid, behind, views)
 
     def render(self, gaussians: Tensors, index: list[int]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Image (B, h, w, 3), alpha and depth (B, h, w)."""
@@ -55,7 +57,7 @@ class Group:
     def loss(self, gaussians: Tensors, index: list[int], *, ssim_weight: float) -> torch.Tensor:
         """How far the Gaussians are from the pictures."""
         image, alpha, _ = self.render(gaussians, index)
-        return picture_loss(image, alpha, self.observed(index), self.mask[index], self.counted[index], ssim_weight=ssim_weight)
+        return picture_loss(image, alpha, self.observed(index), self.mask[index], self.edge[index], self.counted[index], ssim_weight=ssim_weight)
 
     def under(
         self, gaussians: Tensors, number: int, values_of: Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, ...]]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_dilation
 
 from ..errors import InputError
 from ..inpaint import nearest_known
@@ -28,11 +29,19 @@ class View:
     labels: np.ndarray | None = None  # 0 background, 1..n object, 255 ignored; uint8, shape (H, W)
     background: np.ndarray | None = None  # RGB, uint8, shape (H, W, 3); None: the picture around the object, black without labels
     motion: Motion | None = None  # None: the Gaussians stand as in frame 0
+    edge_px: int = 0  # pixels around the object that its outline may fill in part: the picture counts there, what they cover does not
 
     @property
     def mask(self) -> np.ndarray:
         """What the Gaussians must show, bool, shape (H, W)."""
         return np.ones(self.image.shape[:2], bool) if self.labels is None else object_mask(self.labels)
+
+    @property
+    def edge(self) -> np.ndarray:
+        """Background within edge_px of the object, bool, shape (H, W)."""
+        if self.labels is None or not self.edge_px:
+            return np.zeros(self.image.shape[:2], bool)
+        return binary_dilation(self.mask, iterations=self.edge_px) & (self.labels == 0)
 
     @property
     def behind(self) -> np.ndarray:
@@ -63,8 +72,8 @@ def without(image: np.ndarray, hidden: np.ndarray) -> np.ndarray:
 
 
 def picture_loss(
-    image: torch.Tensor, alpha: torch.Tensor, observed: torch.Tensor, mask: torch.Tensor, counted: torch.Tensor, *, ssim_weight: float
+    image: torch.Tensor, alpha: torch.Tensor, observed: torch.Tensor, mask: torch.Tensor, edge: torch.Tensor, counted: torch.Tensor, *, ssim_weight: float
 ) -> torch.Tensor:
-    """Image loss (paper A.13) + squared difference of alpha and mask. image, observed (..., h, w, 3); alpha, mask, counted (..., h, w)."""
-    bleed = torch.where(counted, alpha - mask.float(), 0.0).square().sum() / mask.sum()
-    return image_loss(image, observed, mask, ssim_weight=ssim_weight) + ALPHA_WEIGHT * bleed
+    """Image loss (paper A.13) + squared difference of alpha and mask, but for the edge. image, observed (..., h, w, 3); alpha, mask, edge, counted (..., h, w)."""
+    bleed = torch.where(counted & ~edge, alpha - mask.float(), 0.0).square().sum() / mask.sum()
+    return image_loss(image, observed, mask | edge, ssim_weight=ssim_weight) + ALPHA_WEIGHT * bleed

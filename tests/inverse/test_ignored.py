@@ -83,6 +83,17 @@ def test_the_arm_does_not_enter_the_background(crossed: tuple[Occluded, Clip]) -
     np.testing.assert_array_equal(static_background(crossed[1]), static_background(repainted(crossed[1], 2)))
 
 
+def test_the_scene_is_asked_of_frames_that_show_it_away_from_the_object(crossed: tuple[Occluded, Clip]) -> None:
+    """A square of one colour moves to the right; the column of pixels beside it, which is not labelled, has its colour."""
+    frames, labels = np.full((8, 12, 20, 3), 50, np.uint8), np.zeros((8, 12, 20), np.uint8)
+    for k in range(8):
+        labels[k, 3:9, 2 + k : 8 + k] = 1
+        frames[k, 3:9, 2 + k : 9 + k] = 200
+    clip = replace(crossed[1], frames=frames, labels=labels, depth=None)
+    assert (static_background(clip, edge_px=1)[3:9, 9] == 50).all()  # one frame shows this column as it is, one beside the object
+    assert (static_background(clip)[3:9, 9] == 125).all()
+
+
 def test_no_track_is_valid_on_the_arm(crossed: tuple[Occluded, Clip]) -> None:
     scene, clip = crossed
     tracks = follow(clip, surface_depth(clip, bar_settings())[0], bar_settings())

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import binary_dilation
 
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
@@ -159,6 +160,20 @@ def leaning(splats, slope):
     factor = (1 + slope)[:, None].astype(np.float32)
     sight = splats.mean - made.camera().position
     return replace(splats, mean=(made.camera().position + sight * factor).astype(np.float32), scale=splats.scale * factor)
+
+
+def test_an_outline_fills_its_pixels_in_part_before_the_scene_that_is_known_there():
+    """A black object on a white wall, whose outermost pixels are grey and were not labelled."""
+    inner, behind = made.mask(), np.full((made.HEIGHT, made.WIDTH, 3), 255, np.uint8)
+    edge = binary_dilation(inner) & ~inner
+    image = np.where(inner[..., None], 0, np.where(edge[..., None], 128, behind)).astype(np.uint8)
+    seen = {}
+    for width in (0, 1):
+        asked = config.build({"splats.max_count": 700, "experiment.splat_iterations": 60, "experiment.splat_edge_px": width})
+        splats = finish(fit_splats(image, inner.astype(np.uint8), made.depth(), made.camera(), asked, behind=behind))[1]
+        drawn = render(splats, made.camera(), torch.ones(made.HEIGHT, made.WIDTH, 3))[0]
+        seen[width] = float(np.abs(drawn - image / 255)[edge].mean())
+    assert seen[1] < 0.3 * seen[0]
 
 
 def test_discs_at_several_depths_keep_their_order_and_draw_detail_that_leaning_discs_cannot():

@@ -27,12 +27,17 @@ GROSS = 3.0  # depth errors above this multiple of the rms motion are left out
 _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a pixel within its frame
 
 
-def static_background(clip: Clip) -> np.ndarray:
+def static_background(clip: Clip, *, edge_px: int = 0) -> np.ndarray:
     """The scene without the object, uint8 (H, W, 3): the median over the frames that show it, the nearest such pixel where
-    none does."""
+    none does. Frames that show it more than edge_px away from the object are asked before others."""
     assert clip.labels is not None
     some = slice(None, None, max(1, len(clip) // BACKGROUND_FRAMES))
-    return scene_behind(clip.frames[some], clip.labels[some] == 0)
+    frames, shown = clip.frames[some], clip.labels[some] == 0
+    if not edge_px:
+        return scene_behind(frames, shown)
+    clear = ~binary_dilation(~shown, _ACROSS, edge_px)
+    beside = shown.any(0) & ~clear.any(0)
+    return np.where(beside[..., None], scene_behind(frames, shown), scene_behind(frames, clear))
 
 
 def pixel_evidence(told: Told) -> Evidence | None:
