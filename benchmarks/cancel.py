@@ -23,7 +23,7 @@ from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.nodes import middleware
 
 CODE = "from diffphys_ros.nodes.executables import fit_node; fit_node()"
-QUICK = {"fit.iterations": 3, "particles.cells": 2}
+QUICK = {"fit.iterations": 3, "experiment.cells": 2}
 
 
 def main() -> int:

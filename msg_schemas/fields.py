@@ -19,6 +19,7 @@ from .thinning import Thinned, thin
 from .topics import FIT_NODE, own_name
 
 CLAMP_PLANE_INSIDE_M = 0.005  # distance of the clamped plane from the box face through which the body leaves
+MOST_MARKERS = 300  # cubes or arrows of an array: RViz draws so many at once, and hardly more can be told apart
 ARROW_LENGTH = 0.25  # of the longest arrow, in extents of the object
 
 
@@ -33,7 +34,6 @@ class Answer:
     camera: Camera
     reference: np.ndarray  # about which moments are taken, world frame [m], shape (3,)
     reference_text: str
-    max_markers: int
     node: str = FIT_NODE  # name of the node whose answer it is, with its namespace
 
     @property
@@ -109,9 +109,9 @@ class Answer:
         return clouds.pack(header(self.stamp_ns(frame), self.world), clouds.STATE, columns, (1, len(ids)))
 
     def stiffness_markers(self) -> dict[str, Any]:
-        """MarkerArray at rest positions: at most `max_markers` cubes, coloured by log10 E, grey where not identified."""
-        shown = thin(self.recovery, self.max_markers) if self.max_markers else Thinned(np.zeros(0, int), np.zeros(0), np.zeros((len(self), 0, 3)))
-        edge = float(np.cbrt(np.median(shown.volume))) if len(shown.ids) else 0.0
+        """MarkerArray at rest positions: at most MOST_MARKERS cubes, coloured by log10 E, grey where not identified."""
+        shown = thin(self.recovery, MOST_MARKERS)
+        edge = float(np.cbrt(np.median(shown.volume)))
         return markers.cubes(header(self.start_ns, self.world), self.recovery.points[shown.ids], stiffness_colours(self._young(slice(None)))[shown.ids], edge_m=edge)
 
     def _young(self, ids: Any) -> np.ndarray:
@@ -130,9 +130,9 @@ class Answer:
         return loads.sum(0), np.cross(r.trajectory[frame].astype(float) - self.reference, loads).sum(0)
 
     def force_markers(self, frame: int) -> dict[str, Any]:
-        """MarkerArray: one LINE_LIST of at most `max_markers` arrows."""
+        """MarkerArray: one LINE_LIST of at most MOST_MARKERS arrows."""
         r, thinned = self.recovery, self.thinned
-        chosen = np.linspace(0, len(thinned.ids) - 1, min(self.max_markers, len(thinned.ids))).round().astype(int)
+        chosen = np.linspace(0, len(thinned.ids) - 1, min(MOST_MARKERS, len(thinned.ids))).round().astype(int)
         tails, extent = r.trajectory[frame, thinned.ids[chosen]].astype(float), float(np.ptp(r.points, axis=0).max())
         peak = float(np.linalg.norm(thinned.force, axis=-1).max()) or 1.0
         tips = tails + thinned.force[frame, chosen] * (ARROW_LENGTH * extent / peak)
@@ -197,14 +197,13 @@ def answer(recovery: Recovery, clip: Clip, settings: Settings, *, node: str = FI
         clip.camera,
         reference,
         text,
-        settings.publish.max_markers,
         node,
     )
 
 
 def limited(found: Answer, settings: Settings) -> Answer:
     """The same answer within the limits of other settings.publish."""
-    return replace(found, thinned=thin(found.recovery, settings.publish.max_points), max_markers=settings.publish.max_markers)
+    return replace(found, thinned=thin(found.recovery, settings.publish.max_points))
 
 
 def moment_reference(points: np.ndarray, clamp_box_m: Sequence[float] | None) -> tuple[np.ndarray, str]:

@@ -137,7 +137,7 @@ def _end(process: subprocess.Popen[bytes], link: socket.socket) -> None:
 
 def _ended(status: int) -> Exception:
     if status == -signal.SIGKILL:
-        return SimulationError("the process that works was killed, as Linux does where memory ends; take fewer particles.cells, splats.max_count or a shorter clip")
+        return SimulationError("the process that works was killed, as Linux does where memory ends; take fewer experiment.cells, experiment.max_splats or a shorter clip")
     return RuntimeError(f"the process that works ended with status {status}")
 
 

@@ -26,7 +26,7 @@ from diffphys_ros.types import Clip
 NODES = ("ingest_node", "segment_node", "splat_node", "fit_node", "inspect_node")
 RESULTS = ("~/material_field", "~/force_field", "~/quality")
 SMALLER = 4  # by which the sample's images are
-TINY = {"fit.iterations": 1, "segment.max_parts": 1, "particles.cells": 2, "splats.max_count": 300, "experiment.refine_frames": 2, "experiment.per_cell": 2.0, "experiment.splat_iterations": 3}
+TINY = {"fit.iterations": 1, "segment.max_parts": 1, "experiment.cells": 2, "experiment.max_splats": 300, "experiment.refine_frames": 2, "experiment.per_cell": 2.0, "experiment.splat_iterations": 3}
 SILENCE_S = 1.0
 EVERY_SECOND_SLOWER = 1.25  # a clip that swings slower by this is softer by its square: a result shows whose it is
 

@@ -10,8 +10,8 @@ from typing import Any
 from diffphys_ros import config
 
 QUICK_WORDS = (
-    *("--particles.cells", "3", "--experiment.per_cell", "1.5", "--fit.iterations", "1", "--fit.device", "cpu"),
-    *("--experiment.splat_iterations", "8", "--splats.max_count", "500", "--experiment.checkpoint_every_s", "0.1"),
+    *("--experiment.cells", "3", "--experiment.per_cell", "1.5", "--fit.iterations", "1", "--fit.device", "cpu"),
+    *("--experiment.splat_iterations", "8", "--experiment.max_splats", "500", "--experiment.checkpoint_every_s", "0.1"),
 )
 QUICK_FLAGS = {name[2:]: config.parse_text(config.leaves()[name[2:]], text) for name, text in zip(QUICK_WORDS[::2], QUICK_WORDS[1::2], strict=True)}
 

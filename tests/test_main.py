@@ -21,8 +21,8 @@ from diffphys_ros.inverse.descent import Descent
 from tests.coarse import coarse_elements
 
 QUICK = [
-    *("--particles.cells", "3", "--experiment.per_cell", "1", "--fit.iterations", "1"),
-    *("--experiment.splat_iterations", "4", "--splats.max_count", "300", "--experiment.refine_frames", "3"),
+    *("--experiment.cells", "3", "--experiment.per_cell", "1", "--fit.iterations", "1"),
+    *("--experiment.splat_iterations", "4", "--experiment.max_splats", "300", "--experiment.refine_frames", "3"),
 ]
 
 

@@ -14,6 +14,7 @@ RENAMED: Mapping[str, str] = MappingProxyType(
         "tracks.spacing_px": "experiment.track_spacing_px",
         "tracks.window_px": "experiment.track_window_px",
         "tracks.round_trip_px": "experiment.track_round_trip_px",
+        "particles.cells": "experiment.cells",
         "particles.per_cell": "experiment.per_cell",
         "particles.grid_nodes": "experiment.grid_nodes",
         "particles.downsample_ratio": "experiment.downsample_ratio",
@@ -21,6 +22,7 @@ RENAMED: Mapping[str, str] = MappingProxyType(
         "prior.attempts": "experiment.prior_attempts",
         "prior.cache": "experiment.prior_cache",
         "modes.count": "experiment.mode_count",
+        "splats.max_count": "experiment.max_splats",
         "splats.iterations": "experiment.splat_iterations",
         "splats.view_iterations": "experiment.view_iterations",
         "fit.schedule": "experiment.schedule",
@@ -40,6 +42,7 @@ RENAMED: Mapping[str, str] = MappingProxyType(
 )
 REMOVED: Mapping[str, str] = MappingProxyType(
     {
+        "publish.max_markers": "a marker array has 300 arrows at most; publish.max_points bounds the clouds",
         "prior.source": _SOURCE,
         "metrics.lpips_backbone": _LPIPS.format("backbone.pth"),
         "metrics.lpips_heads": _LPIPS.format("heads.pth"),

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ..errors import InputError
 from .leaf import leaves
 
-_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "tracks", "prior", "particles", "splats", "fit", "publish")
+_FIT = ("scene", "camera", "topics", "sync", "segment", "depth", "tracks", "prior", "fit", "publish")
 _OF_WORLD = ("scene.gravity_m_s2", "scene.thickness_axis", "scene.clamp_box_m", "scene.floor_z_m")  # who reads them waits for a world
 _RECOVER = (*_FIT, "frames", "experiment")
 READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -16,10 +16,10 @@ READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "diffphys recover": _RECOVER,
         "diffphys ingest": _RECOVER,
         "diffphys batch": _RECOVER,
-        "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "splats", "fit", "capture", "experiment"),
+        "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "fit", "capture", "experiment"),
         "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD, "frames.every"),
         "segment_node": ("scene", "segment", "depth", "tracks.evidence", "fit.device"),
-        "splat_node": ("scene", "depth", "splats", "fit.device"),
+        "splat_node": ("scene", "depth", "fit.device"),
         "fit_node": (*_FIT, "playback", "frames.every"),
         "inspect_node": (),
     }

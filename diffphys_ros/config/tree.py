@@ -145,13 +145,6 @@ class TrackSettings:
 
 
 @dataclass(frozen=True)
-class ParticleSettings:
-    """The grid that fits the solid."""
-
-    cells: int = setting(0, "grid cells over the thickness; 0: chosen to end inside fit.time_budget_s", low=0, high=32)
-
-
-@dataclass(frozen=True)
 class PriorSettings:
     """What is believed of the material before the motion is looked at, by one of: a file, names of the database, a vision-language model."""
 
@@ -165,13 +158,6 @@ class PriorSettings:
     def source(self) -> str:
         """Which of them it is: none, file, database or model."""
         return "model" if self.base_url or self.model else "file" if self.file else "database" if self.materials else "none"
-
-
-@dataclass(frozen=True)
-class SplatSettings:
-    """3D Gaussians."""
-
-    max_count: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
 
 
 TIME_BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
@@ -204,15 +190,15 @@ class Publish:
     """Size of what is published."""
 
     max_points: int = setting(20_000, "most particles in a cloud; fewer carry larger volumes, the sum of f * volume is kept", low=1, high=10_000_000)
-    max_markers: int = setting(300, "most arrows in a marker array", low=0, high=500)
 
 
 @dataclass(frozen=True)
 class Experiment:
     """What reproductions and ablations change and nobody needs for a clip."""
 
+    cells: int = setting(0, "grid cells over the thickness; 0: chosen to end inside fit.time_budget_s", low=0, high=32)
     per_cell: float = setting(0.0, "particles per cell and axis; 0: chosen", low=0.0, high=4.0)
-    grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of particles.cells (the paper's 64 or 128)", low=16, high=512)
+    grid_nodes: int | None = setting(None, "most nodes along any side of the grid, in place of cells (the paper's 64 or 128)", low=16, high=512)
     downsample_ratio: float = setting(0.0, "share of the Gaussians and a dense interior behind them that is kept as particles (paper Table 3); 0: particles on a lattice, which bends more truly", low=0.0, high=1.0)
     sheet_share: float = setting(0.0, "thickness of the body over its longest side, at most, where scene.thickness_m is not told: a thin sheet with the gaps between its strands; 0: as thick as it is wide, without holes", low=0.0, high=1.0)
     soft_sd: float = setting(0.0, "schedule paper: standard deviations of the prior's log E by which it begins softer than the prior's mean", low=0.0, high=4.0)
@@ -243,6 +229,7 @@ class Experiment:
     track_weight: float = setting(1.0, "weight of the track term", low=0.0, high=1e3)
     depth_weight: float = setting(0.1, "weight of the depth term", low=0.0, high=1e3)
     image_every: int = setting(0, "frames between two that enter the image term; 0: chosen", low=0, high=1000)
+    max_splats: int = setting(0, "most Gaussians; 0: as the size and detail of the picture ask for", low=0, high=1_000_000)
     splat_iterations: int = setting(100, "steps of the fit of the Gaussians to frame 0", low=1, high=100_000)
     splat_spread_px: float = setting(0.0, "depths of the Gaussians of frame 0 lie by chance up to so many pixels' width before and behind the surface, so that which of two covers the other stays as it was fitted while the surface turns", unit="px", low=0.0, high=100.0)
     splat_edge_px: int = setting(0, "pixels around the mask of frame 0 that the outline may fill in part, before the scene that other frames show there", unit="px", low=0, high=20)
@@ -295,8 +282,6 @@ class Settings:
     depth: DepthSettings = group(DepthSettings, OBJECT)
     tracks: TrackSettings = group(TrackSettings, OBJECT)
     prior: PriorSettings = group(PriorSettings, BELIEF)
-    particles: ParticleSettings = group(ParticleSettings, SOLVED)
-    splats: SplatSettings = group(SplatSettings, SOLVED)
     frames: FrameSettings = group(FrameSettings, SOLVED)
     fit: Fit = group(Fit, SOLVED)
     playback: Playback = group(Playback, OUT)

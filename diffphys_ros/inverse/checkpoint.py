@@ -150,4 +150,4 @@ def _digest(arrays: Mapping[str, Any]) -> str:
 _VERSION, _DIGEST, _KEY = "version", "digest", "key"  # of the file, beside the state's arrays
 
 # settings that may change between an interrupted run and its continuation
-_FREE = ("fit.iterations", "experiment.field_iterations", "fit.time_budget_s", "experiment.checkpoint_every_s", "playback.rate", "playback.loop", "publish.max_points", "publish.max_markers", "scene.first_mask")
+_FREE = ("fit.iterations", "experiment.field_iterations", "fit.time_budget_s", "experiment.checkpoint_every_s", "playback.rate", "playback.loop", "publish.max_points", "scene.first_mask")

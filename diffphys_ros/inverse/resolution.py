@@ -104,7 +104,7 @@ def make_plan(
         cheapest = min(plans, key=lambda p: p.substeps)
         why = _forbidden(cheapest, young, settings, device)
         if _asked(settings):
-            raise InputError(f"particles: {why}; leave particles.cells, experiment.grid_nodes and experiment.downsample_ratio out for a grid that can be had")
+            raise InputError(f"particles: {why}; leave experiment.cells, experiment.grid_nodes and experiment.downsample_ratio out for a grid that can be had")
         return _without_simulation(cheapest, body, why)
     budget_s, wanted = search_budget_s(settings, device), settings.fit.iterations or WANTED_ITERATIONS
     plan = _finest(possible, wanted, budget_s, QUICK_S if not _asked(settings) else budget_s)
@@ -132,7 +132,7 @@ def _finest(plans: list[Plan], wanted: int, budget_s: float, quick_s: float) -> 
 def _asked(settings: Settings) -> bool:
     """Whether a person chose the grid."""
     experiment = settings.experiment
-    return settings.particles.cells > 0 or experiment.grid_nodes is not None or experiment.downsample_ratio > 0
+    return settings.experiment.cells > 0 or experiment.grid_nodes is not None or experiment.downsample_ratio > 0
 
 
 def _forbidden(plan: Plan, young: np.ndarray, settings: Settings, device: str) -> str:
@@ -179,10 +179,10 @@ def _with_iterations(plan: Plan, budget_s: float) -> Plan:
 
 def _grids(body: Body, settings: Settings, reach_m: float, dense: int) -> list[Grid]:
     """What may be chosen from, best first."""
-    cells, experiment = float(settings.particles.cells), settings.experiment
+    cells, experiment = float(settings.experiment.cells), settings.experiment
     if experiment.grid_nodes:
         if cells:
-            raise InputError(f"particles.cells {cells:g} and experiment.grid_nodes {experiment.grid_nodes} are both given; leave one of them out")
+            raise InputError(f"experiment.cells {cells:g} and experiment.grid_nodes {experiment.grid_nodes} are both given; leave one of them out")
         cells = _thickness(body) / spacing_of_nodes(body, experiment.grid_nodes, reach_m)
     if experiment.downsample_ratio:
         return _sparse_grids(body, experiment, cells, dense)
@@ -198,10 +198,10 @@ def _sparse_grids(body: Body, experiment: Experiment, cells: float, dense: int) 
     if found[-1][1] < 1:
         coarsest = found[-1][0]
         need = int(np.ceil(body.volume_m3 * (coarsest / _thickness(body)) ** 3))
-        cure = f"raise it to {1.01 * need / dense:.2g} or lower {'experiment.grid_nodes' if experiment.grid_nodes else 'particles.cells'}"
+        cure = f"raise it to {1.01 * need / dense:.2g} or lower {'experiment.grid_nodes' if experiment.grid_nodes else 'experiment.cells'}"
         raise InputError(
             f"experiment.downsample_ratio {ratio:g}: keeps {kept} of {dense} points, must keep at least one in each of the {need} cells that the body "
-            f"fills at {coarsest:.3g} cells over its thickness; {cure if need <= dense else 'raise splats.max_count'}"
+            f"fills at {coarsest:.3g} cells over its thickness; {cure if need <= dense else 'raise experiment.max_splats'}"
         )
     return sorted((grid for grid in found if grid[1] >= 1), key=lambda grid: grid[1] < TRUE_PER_CELL)
 

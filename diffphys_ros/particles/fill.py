@@ -45,7 +45,7 @@ def fill(body: Body, dx: float, per_cell: float) -> Particles:
     Sorted in grid order.
     """
     if not (dx > 0 and per_cell > 0):
-        raise InputError(f"particles: dx is {dx:g} m and per_cell is {per_cell:g}, both must be positive; correct particles.cells or experiment.per_cell")
+        raise InputError(f"particles: dx is {dx:g} m and per_cell is {per_cell:g}, both must be positive; correct experiment.cells or experiment.per_cell")
     spacing = dx / per_cell
     own = _spread(_columns(body, spacing))
     columns = own.joined(_behind_clamp(own, spacing, dx)) if body.clamped else own

@@ -37,7 +37,7 @@ def fit_splats(
     mask = object_mask(labels0)
     if not mask.any():
         raise InputError("mask: frame 0 shows no object; give scene.first_mask")
-    image, count, iterations = image0.astype(np.float32) / 255, settings.splats.max_count, settings.experiment.splat_iterations
+    image, count, iterations = image0.astype(np.float32) / 255, settings.experiment.max_splats, settings.experiment.splat_iterations
     if not count:
         count = round(count_blocks(image, mask, BLOCKS_DB, int(FIRST_SHARE * MOST)) / FIRST_SHARE)
     blocks = gather_blocks(image, mask, max(int(FIRST_SHARE * count), 1))

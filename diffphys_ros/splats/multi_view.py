@@ -35,7 +35,7 @@ def fit_views(
     """Gaussians of all views; yields (iteration, iterations, loss) and returns canonical Splats, frame 0 where views move.
 
     start: Gaussians of frame 0, or from_points(points, colors) of a sparse cloud. iterations: steps, each of one view (of up to four
-    that share a camera on CUDA); None: experiment.view_iterations. count: most Gaussians; None: splats.max_count, where that is 0 what
+    that share a camera on CUDA); None: experiment.view_iterations. count: most Gaussians; None: experiment.max_splats, where that is 0 what
     BLOCKS_DB asks for in the view with most detail, from both sides; no less than start has. near: start is near to the pictures:
     steps are smaller and the Gaussians stay who they are. A view's motion is asked again whenever their number changes; between, each
     moves with its anchor.
@@ -44,7 +44,7 @@ def fit_views(
     views = check_views(views)
     iterations = settings.experiment.view_iterations if iterations is None else iterations
     if count is None:
-        count = max(settings.splats.max_count or _chosen(views), len(start.mean))
+        count = max(settings.experiment.max_splats or _chosen(views), len(start.mean))
     rates = {name: (NEAR_RATE if near else 1.0) * rate for name, rate in RATES.items()}
     counts = {} if near else _growing(len(start.mean), count, iterations)
     plan = DescentPlan(iterations, rates, LAST_RATE, settings.experiment.ssim_weight, settings.experiment.seed, counts)

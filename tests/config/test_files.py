@@ -34,8 +34,8 @@ def test_a_tilde_is_the_home_folder_in_files_and_flags(tmp_path, monkeypatch):
 
 
 def test_numbers_as_tables_and_messages_print_them_are_numbers(tmp_path):
-    path = write(tmp_path, "scene: {mass_kg: 1e-06}\nsplats: {max_count: 1e+05}\n")
-    assert (config.layered([path]).scene.mass_kg, config.layered([path]).splats.max_count) == (1e-6, 100_000)
+    path = write(tmp_path, "scene: {mass_kg: 1e-06}\nexperiment: {max_splats: 1e+05}\n")
+    assert (config.layered([path]).scene.mass_kg, config.layered([path]).experiment.max_splats) == (1e-6, 100_000)
     for leaf in config.leaves().values():
         if leaf.low is not None and leaf.high is not None and not leaf.choices:
             for text in leaf.range_text.split(" .. "):

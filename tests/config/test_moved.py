@@ -57,7 +57,7 @@ def test_what_stands_in_place_of_a_removed_setting_exists(capsys: pytest.Capture
         main(["recover", "--help"])
     known = capsys.readouterr().out + " ".join(config.leaves())
     for words in config.REMOVED.values():
-        named = [word.strip(".,:;`") for word in words.split() if word.startswith(("--", "prior.", "experiment."))]
+        named = [word.strip(".,:;`") for word in words.split() if word.startswith(("--", "prior.", "publish.", "experiment."))]
         assert named
         assert all(word in known for word in named), words
 

@@ -79,7 +79,7 @@ def test_a_robot_that_comes_late_hears_stiffness_and_force(domain: Domain, made_
 
 @pytest.mark.slow
 def test_a_recording_becomes_a_folder_whose_answer_is_read(half_sample: Path, tmp_path: Path) -> None:
-    (tmp_path / "quick.yaml").write_text("scene: {density_kg_m3: [690.0, 690.0]}\nexperiment: {schedule: linear, splat_iterations: 5, refine_frames: 2}\nsplats: {max_count: 300}\n")
+    (tmp_path / "quick.yaml").write_text("scene: {density_kg_m3: [690.0, 690.0]}\nexperiment: {schedule: linear, splat_iterations: 5, refine_frames: 2, max_splats: 300}\n")
     said = run("recover_a_bag.py", half_sample / "clip.mcap", tmp_path / "out", half_sample / "given.yaml", tmp_path / "quick.yaml")
     assert f"read_the_answer.py {tmp_path / 'out'}" in said
     read = run("read_the_answer.py", tmp_path / "out")

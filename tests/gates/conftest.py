@@ -26,9 +26,9 @@ from diffphys_ros.types import Clip, Recovery
 
 from .clips import in_fading_light
 
-COARSE = ("--particles.cells", "3", "--experiment.per_cell", "1.5", "--experiment.refine_frames", "0")
-ROUGH = ("--experiment.splat_iterations", "10", "--splats.max_count", "400")  # pictures that tell the motion; no gate asks how sharp they are
-SHORT = ("--particles.cells", "2", "--experiment.per_cell", "2", "--experiment.refine_frames", "0", "--fit.iterations", "8", *ROUGH)
+COARSE = ("--experiment.cells", "3", "--experiment.per_cell", "1.5", "--experiment.refine_frames", "0")
+ROUGH = ("--experiment.splat_iterations", "10", "--experiment.max_splats", "400")  # pictures that tell the motion; no gate asks how sharp they are
+SHORT = ("--experiment.cells", "2", "--experiment.per_cell", "2", "--experiment.refine_frames", "0", "--fit.iterations", "8", *ROUGH)
 BAR = (*COARSE, "--experiment.splat_iterations", "60")  # with all its Gaussians: fewer hide in its force what a damping that nothing holds does
 QUICK = {"bar": BAR, "strip": SHORT, "fading": SHORT, "flat": SHORT}
 

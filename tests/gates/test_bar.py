@@ -34,4 +34,4 @@ def test_the_force_points_where_it_did_and_ends_where_it_did(answer: Answer) -> 
 
 def test_a_simulation_that_explains_the_clip_worse_is_not_the_answer(recovered: Recover) -> None:
     """One cell across the bar does not carry its swing."""
-    assert recovered("bar", "--particles.cells", "1", "--fit.iterations", "1", *ROUGH).trajectory_error < 0.055
+    assert recovered("bar", "--experiment.cells", "1", "--fit.iterations", "1", *ROUGH).trajectory_error < 0.055

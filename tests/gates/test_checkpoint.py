@@ -26,7 +26,7 @@ pytestmark = pytest.mark.faults
 FLAGS = (
     *COARSE,
     *("--start_scale", "0.5", "--experiment.checkpoint_every_s", "0.1"),
-    *("--experiment.splat_iterations", "3", "--splats.max_count", "100"),
+    *("--experiment.splat_iterations", "3", "--experiment.max_splats", "100"),
 )
 CHECKPOINT = "checkpoint.npz"
 LIMIT_S = 240.0

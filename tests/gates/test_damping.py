@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from .conftest import Recover
 
-TRACKS_ALONE = ("--experiment.image_weight", "0", "--experiment.depth_weight", "0", "--fit.iterations", "3", "--experiment.splat_iterations", "5", "--splats.max_count", "100")
+TRACKS_ALONE = ("--experiment.image_weight", "0", "--experiment.depth_weight", "0", "--fit.iterations", "3", "--experiment.splat_iterations", "5", "--experiment.max_splats", "100")
 
 
 def test_both_swings_are_braked_as_they_were(recovered: Recover) -> None:

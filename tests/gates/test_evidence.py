@@ -7,9 +7,9 @@ from .test_strip import COSINE, YOUNG
 
 FALSE_FORCE = 0.1  # twice that of all evidence together
 TRACKS, DEPTH, IMAGES = "--experiment.track_weight", "--experiment.depth_weight", "--experiment.image_weight"
-NO_PICTURES = ("--experiment.splat_iterations", "5", "--splats.max_count", "100")
-FEW_GAUSSIANS = ("--experiment.splat_iterations", "100", "--splats.max_count", "60")  # so large that each must turn with the strip
-FEWER_GAUSSIANS = ("--experiment.splat_iterations", "100", "--splats.max_count", "40")  # with 60 that do not turn a search still gets there
+NO_PICTURES = ("--experiment.splat_iterations", "5", "--experiment.max_splats", "100")
+FEW_GAUSSIANS = ("--experiment.splat_iterations", "100", "--experiment.max_splats", "60")  # so large that each must turn with the strip
+FEWER_GAUSSIANS = ("--experiment.splat_iterations", "100", "--experiment.max_splats", "40")  # with 60 that do not turn a search still gets there
 POINTS, SURFACE, PICTURE = 0.06, 0.12, 0.15  # bounds of the trajectory's error by tracks, depth and colours alone
 
 

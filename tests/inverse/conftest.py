@@ -119,4 +119,4 @@ def prepared() -> Prepared:
 @pytest.fixture(scope="session")
 def quick_settings():
     """Coarse and short."""
-    return build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3})
+    return build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3})

@@ -33,7 +33,7 @@ ITERATIONS = 8  # of what is compared bit by bit
 
 def settings(**words):
     names = {name.partition(".")[2]: name for name in leaves() if name.startswith(("fit.", "experiment."))}
-    return build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.0, "fit.iterations": 2} | {names[k]: v for k, v in words.items()})
+    return build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.0, "fit.iterations": 2} | {names[k]: v for k, v in words.items()})
 
 
 def with_force(prepared: Prepared, share: float) -> Prepared:

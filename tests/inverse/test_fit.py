@@ -18,7 +18,7 @@ from diffphys_ros.inverse.stages import schedule
 
 from .test_solve import drive
 
-FEW = {"scene.at_rest": True, "particles.cells": 2, "experiment.per_cell": 1.0, "fit.iterations": 1}
+FEW = {"scene.at_rest": True, "experiment.cells": 2, "experiment.per_cell": 1.0, "fit.iterations": 1}
 
 
 def test_a_fit_that_is_over_holds_no_tapes(prepared) -> None:

@@ -69,7 +69,7 @@ def test_a_fit_does_not_follow_tracks_through_a_floor(prepared):
     pressed = dataclasses.replace(prepared, start=start, tracks=make_tracks(prepared.body, prepared.modal, start))
     missed = []
     for floor_z_m in (None, -0.051):
-        scene_and_few = {"scene.at_rest": True, "scene.floor_z_m": floor_z_m, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 2}
+        scene_and_few = {"scene.at_rest": True, "scene.floor_z_m": floor_z_m, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 2}
         *_, recovery = drive(solve(pressed, None, build(scene_and_few)))
         missed.append(recovery.metrics["track_rms_refined_m"])
     free, stopped = missed

@@ -105,7 +105,7 @@ def test_no_track_is_valid_on_the_arm(crossed: tuple[Occluded, Clip]) -> None:
 
 
 def test_gaussians_of_a_clip_that_begins_under_the_arm_do_not_know_it(crossed: tuple[Occluded, Clip]) -> None:
-    settings = build({"experiment.splat_iterations": 3, "splats.max_count": 60})
+    settings = build({"experiment.splat_iterations": 3, "experiment.max_splats": 60})
     fitted = []
     for clip in (crossed[1], repainted(crossed[1], 3)):
         depth0 = np.where(clip.labels[7] == 1, clip.depth[7], 0).astype(np.float32)

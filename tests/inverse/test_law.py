@@ -32,7 +32,7 @@ def test_a_misspelt_law_is_answered_with_the_known_ones():
 def test_the_fit_simulates_with_the_law(prepared):
     reached = []
     for law in ("neo_hookean", "linear_corotated"):
-        settings = build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3, "fit.law": law})
+        settings = build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3, "fit.law": law})
         simulator = pose_problem(prepared, None, settings).forward.simulator
         stretched = simulator.rest(F=torch.diag(torch.tensor([1.3, 1.0, 1.0])).expand(len(simulator.volume), 3, 3))
         with torch.no_grad():

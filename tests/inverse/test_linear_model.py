@@ -40,7 +40,7 @@ def test_at_the_start_values_it_is_the_modal_model(prepared, problem: Problem) -
 
 def test_a_released_body_swings_as_the_modal_model_says() -> None:
     prepared = make_prepared()
-    problem = pose_problem(prepared, None, build({"particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1}), dtype=torch.float64)
+    problem = pose_problem(prepared, None, build({"experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1}), dtype=torch.float64)
     z = torch.as_tensor(problem.layout.start)
     z[problem.layout.slices["motion"]] = torch.linspace(-1, 1, 8, dtype=torch.float64)
     unknowns = unknowns_at(problem, z)

@@ -91,7 +91,7 @@ def test_the_unit_of_force_is_the_size_of_the_acceleration_without_the_noise(pre
 
 def test_gravity_settles_before_frame_zero_so_that_nothing_falls():
     prepared = make_prepared(gravity=(0.0, -3.0, 0.0))
-    settings = build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1})
+    settings = build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1})
     problem = pose_problem(prepared, None, settings)
     z = problem.layout.start.copy()
     z[problem.layout.force_slice] = 0.0
@@ -105,7 +105,7 @@ def test_gravity_settles_before_frame_zero_so_that_nothing_falls():
 def test_the_gradient_with_respect_to_densities_and_poisson_s_ratios_matches_central_differences(prepared, block):
     """Of every part; under gravity, which bends the body in frame 0 already."""
     heavy = make_prepared(gravity=(0.0, -3.0, 0.0))
-    settings = build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1, "fit.hold": ["none"]})
+    settings = build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 1, "fit.hold": ["none"]})
     problem = pose_problem(heavy, None, settings, dtype=torch.float64)
     z, places = problem.layout.start + 0.02, problem.layout.index([block])
     model = Model(problem, z)

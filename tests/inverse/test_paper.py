@@ -32,7 +32,7 @@ from .test_solve import drive
 
 FILE = Path(__file__).parents[2] / "config" / "paper.yaml"
 FRAMES = 7
-QUICK = {"experiment.grid_nodes": None, "particles.cells": 3, "experiment.per_cell": 1.0, "experiment.transition_iterations": 15, "experiment.field_iterations": 4, "experiment.force_voxels": 6}
+QUICK = {"experiment.grid_nodes": None, "experiment.cells": 3, "experiment.per_cell": 1.0, "experiment.transition_iterations": 15, "experiment.field_iterations": 4, "experiment.force_voxels": 6}
 
 
 def settings(**words):

@@ -56,13 +56,13 @@ def test_a_clip_too_dear_for_every_grid_is_not_simulated_and_says_why(settings, 
 
 
 def test_settings_overrule_the_choice():
-    p = plan(**{"particles.cells": 3, "experiment.per_cell": 1.0, "fit.iterations": 7, "experiment.image_every": 5})
+    p = plan(**{"experiment.cells": 3, "experiment.per_cell": 1.0, "fit.iterations": 7, "experiment.image_every": 5})
     assert (p.cells, p.per_cell, p.iterations, p.image_every) == (3, 1.0, 7, 5)
 
 
 def test_the_bound_on_substeps_limits_the_stiffness_not_the_time_step():
-    with pytest.raises(InputError, match=r"particles: 8 cells .* 60 are the most; leave particles.cells, .* out"):
-        plan(**{"experiment.max_substeps": 60, "particles.cells": 8})
+    with pytest.raises(InputError, match=r"particles: 8 cells .* 60 are the most; leave experiment.cells, .* out"):
+        plan(**{"experiment.max_substeps": 60, "experiment.cells": 8})
     bounded = plan(**{"experiment.max_substeps": 60})
     assert bounded.substeps <= 60
 
@@ -78,7 +78,7 @@ def test_more_than_four_cells_are_taken_only_where_that_costs_half_a_minute_at_m
     assert slow.cells == 4
     assert fast.cells > 4
     assert fast.iterations * fast.seconds_per_iteration <= 2 * QUICK_S
-    assert plan(**{"particles.cells": 6}).cells == 6
+    assert plan(**{"experiment.cells": 6}).cells == 6
 
 
 @pytest.mark.parametrize("nodes", [24, 64, 128])
@@ -91,8 +91,8 @@ def test_a_grid_of_so_many_nodes_along_its_longest_side_has_them_within_three(no
 
 
 def test_cells_and_nodes_are_not_both_taken():
-    with pytest.raises(InputError, match=r"particles.cells 4 and experiment.grid_nodes 64 are both given; leave one"):
-        plan(**{"particles.cells": 4, "experiment.grid_nodes": 64})
+    with pytest.raises(InputError, match=r"experiment.cells 4 and experiment.grid_nodes 64 are both given; leave one"):
+        plan(**{"experiment.cells": 4, "experiment.grid_nodes": 64})
 
 
 def test_a_share_of_dense_points_sets_particles_per_cell_and_prefers_grids_that_bend_truly():
@@ -107,10 +107,10 @@ def test_a_share_of_dense_points_sets_particles_per_cell_and_prefers_grids_that_
 
 
 def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
-    with pytest.raises(InputError, match=r"experiment.downsample_ratio 0.0005: keeps 50 of 100000 points, .* each of the 81 cells .* raise it to 0.00082 or lower particles.cells"):
+    with pytest.raises(InputError, match=r"experiment.downsample_ratio 0.0005: keeps 50 of 100000 points, .* each of the 81 cells .* raise it to 0.00082 or lower experiment.cells"):
         plan(dense=100_000, **{"experiment.downsample_ratio": 0.0005})
     assert plan(dense=100_000, **{"experiment.downsample_ratio": 0.00082}).per_cell >= 1
-    with pytest.raises(InputError, match=r"raise splats.max_count"):
+    with pytest.raises(InputError, match=r"raise experiment.max_splats"):
         plan(dense=50, **{"experiment.downsample_ratio": 1.0})
     with pytest.raises(InputError, match=r"per_cell 2 and experiment.downsample_ratio 0.01 are both given"):
         plan(dense=100_000, **{"experiment.downsample_ratio": 0.01, "experiment.per_cell": 2.0})
@@ -122,7 +122,7 @@ def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
 
 
 def test_a_grid_that_no_memory_holds_is_refused_before_it_is_filled():
-    settings = build({"particles.cells": 32, "experiment.per_cell": 4.0})
-    with pytest.raises(InputError, match=r"32 cells over the thickness with 4 particles per cell and axis need \d+\.\d GiB, the device has .* leave particles.cells"):
+    settings = build({"experiment.cells": 32, "experiment.per_cell": 4.0})
+    with pytest.raises(InputError, match=r"32 cells over the thickness with 4 particles per cell and axis need \d+\.\d GiB, the device has .* leave experiment.cells"):
         make_plan(make_body(), YOUNG, frames=100_000, period_s=1 / 30, settings=settings, device="cpu")
     assert plan().memory_bytes < 2**30

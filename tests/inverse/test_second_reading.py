@@ -20,7 +20,7 @@ from .conftest import make_camera
 from .test_solve import drive
 
 TIP = Footprint("gaussian", np.array([0.27, 0.0, 0.04]))
-SETTINGS = config.build({"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 8})
+SETTINGS = config.build({"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 8})
 
 
 @pytest.fixture(scope="module")

@@ -158,7 +158,7 @@ def test_an_unknown_initial_motion_is_recovered(prepared):
     points = points0 + np.einsum("mcr,tr->tmc", modal.evaluate(points0)[0], q - q[:1])
     tracks = dataclasses.replace(prepared.tracks, points=points)
     start = dataclasses.replace(prepared.start, forced=np.zeros(frames, bool), force=still, initial_displacement=0.8 * a)
-    settings = build({"particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 4})
+    settings = build({"experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 4})
     _, recovery = drive(solve(dataclasses.replace(prepared, tracks=tracks, start=start), None, settings))
     assert recovery.metrics["track_rms_refined_m"] < 0.1 * np.sqrt(((points - points[:1]) ** 2).mean())
 

@@ -18,7 +18,7 @@ from .conftest import YOUNG, as_one_part
 from .test_solve import drive
 
 FIELD = build({
-    "scene.at_rest": True, "scene.density_kg_m3": [600.0], "particles.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3,
+    "scene.at_rest": True, "scene.density_kg_m3": [600.0], "experiment.cells": 3, "experiment.per_cell": 1.5, "fit.iterations": 3,
     "fit.material_field": "residual", "experiment.field_iterations": 4,
 })  # fmt: skip
 

@@ -166,8 +166,9 @@ def test_the_reference_lies_on_the_side_where_the_body_leaves_a_thick_box():
     assert reference == pytest.approx([-0.015, 0, 0])
 
 
-def test_markers_are_capped_cleared_first_and_have_unit_quaternions(made_recovery, made_clip):
-    markers = answer(made_recovery, made_clip, publish__max_markers=5).force_markers(3)["markers"]
+def test_markers_are_capped_cleared_first_and_have_unit_quaternions(made_recovery, made_clip, monkeypatch):
+    monkeypatch.setattr(fields, "MOST_MARKERS", 5)
+    markers = answer(made_recovery, made_clip).force_markers(3)["markers"]
     assert markers[0]["action"] == DELETE_ALL
     assert len(markers[1]["points"]) == 10
     assert all(m["pose"]["orientation"]["w"] == 1 for m in markers)
@@ -175,13 +176,10 @@ def test_markers_are_capped_cleared_first_and_have_unit_quaternions(made_recover
     assert np.abs(length).max() <= fields.ARROW_LENGTH * 0.1
 
 
-def test_no_markers_means_only_the_deletion(made_recovery, made_clip):
-    assert len(answer(made_recovery, made_clip, publish__max_markers=0).force_markers(0)["markers"]) == 1
-
-
-def test_stiffness_markers_have_one_colour_a_stiffness_and_grey_where_it_is_not_identified(made_recovery, made_clip):
+def test_stiffness_markers_have_one_colour_a_stiffness_and_grey_where_it_is_not_identified(made_recovery, made_clip, monkeypatch):
+    monkeypatch.setattr(fields, "MOST_MARKERS", 30)
     partly = replace(made_recovery, identified=np.array([True, False]))
-    deletion, cubes = answer(partly, made_clip, publish__max_markers=30).stiffness_markers()["markers"]
+    deletion, cubes = answer(partly, made_clip).stiffness_markers()["markers"]
     assert deletion["action"] == DELETE_ALL
     assert len(cubes["points"]) == len(cubes["colors"]) <= 30
     soft = np.array([point["x"] > 0.05 for point in cubes["points"]])
@@ -191,7 +189,7 @@ def test_stiffness_markers_have_one_colour_a_stiffness_and_grey_where_it_is_not_
     assert (np.ptp(colours[soft, :3], axis=1) == 0).all()
     assert (np.ptp(colours[~soft, :3], axis=1) > 0.1).all()
     assert (colours[:, 3] == 1).all()
-    whole = answer(made_recovery, made_clip, publish__max_markers=30).stiffness_markers()["markers"][1]
+    whole = answer(made_recovery, made_clip).stiffness_markers()["markers"][1]
     assert len({tuple(colour.values()) for colour in whole["colors"]}) == 2
 
 

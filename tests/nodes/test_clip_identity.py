@@ -217,8 +217,9 @@ def test_a_clip_that_is_dropped_for_the_next_one_is_counted_and_said(make_node, 
     assert [(name, fields["header"], fields["status"][0]["message"]) for name, fields in heard] == [("clip/done", messages.header(first.start_ns), "dropped")]
 
 
-def test_a_clip_is_kept_once_and_takes_other_masks_when_its_images_are_gone(make_node, first) -> None:
-    node, other = make_node(SplatNode, splats__max_count=50, fit__device="cpu"), replace(first, labels=first.labels[:, :, ::-1].copy())
+def test_a_clip_is_kept_once_and_takes_other_masks_when_its_images_are_gone(make_node, first, tmp_path) -> None:
+    (tmp_path / "few.yaml").write_text("experiment: {max_splats: 50}\n")
+    node, other = make_node(SplatNode, config=str(tmp_path / "few.yaml"), fit__device="cpu"), replace(first, labels=first.labels[:, :, ::-1].copy())
     whole = sum(len(message.data) for name, message in messages_of(first) if name in ("clip/image", "clip/depth"))
     for name, message in messages_of(first):
         node.take(name, message)

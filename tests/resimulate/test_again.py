@@ -21,7 +21,7 @@ from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.types import MpmProblem, Recovery
 from tests.inverse.conftest import make_prepared
 
-COARSE = {"scene.at_rest": True, "particles.cells": 3, "experiment.per_cell": 1.5}
+COARSE = {"scene.at_rest": True, "experiment.cells": 3, "experiment.per_cell": 1.5}
 FLOOR_M = 0.25  # under the lowest face of the bar as it is placed
 FIELDS = {"fit.material_field": "residual", "fit.force_field": "voxels", "experiment.force_frame": "current"}
 STILL, HEAVY = (0.0, 0.0, 0.0), (0.0, -2.0, -9.81)  # gravity in the body frame

@@ -17,7 +17,7 @@ from diffphys_ros.types import object_mask
 from . import made
 
 ORDER_DB = 42
-SETTINGS = config.build({"splats.max_count": 700, "experiment.splat_iterations": 60})
+SETTINGS = config.build({"experiment.max_splats": 700, "experiment.splat_iterations": 60})
 
 
 def finish(steps):
@@ -169,7 +169,7 @@ def test_an_outline_fills_its_pixels_in_part_before_the_scene_that_is_known_ther
     image = np.where(inner[..., None], 0, np.where(edge[..., None], 128, behind)).astype(np.uint8)
     seen = {}
     for width in (0, 1):
-        asked = config.build({"splats.max_count": 700, "experiment.splat_iterations": 60, "experiment.splat_edge_px": width})
+        asked = config.build({"experiment.max_splats": 700, "experiment.splat_iterations": 60, "experiment.splat_edge_px": width})
         splats = finish(fit_splats(image, inner.astype(np.uint8), made.depth(), made.camera(), asked, behind=behind))[1]
         drawn = render(splats, made.camera(), torch.ones(made.HEIGHT, made.WIDTH, 3))[0]
         seen[width] = float(np.abs(drawn - image / 255)[edge].mean())
@@ -182,7 +182,7 @@ def test_discs_at_several_depths_keep_their_order_and_draw_detail_that_leaning_d
     image, mask, camera, flat = rng.integers(60, 200, (made.HEIGHT, made.WIDTH, 3), dtype=np.uint8), made.mask(), made.camera(), np.where(made.mask(), 0.6, 0)
     near = {}
     for spread in (0.0, 4.0):
-        asked = config.build({"splats.max_count": 1600, "experiment.splat_iterations": 60, "experiment.splat_spread_px": spread})
+        asked = config.build({"experiment.max_splats": 1600, "experiment.splat_iterations": 60, "experiment.splat_spread_px": spread})
         splats = finish(fit_splats(image, mask.astype(np.uint8), flat.astype(np.float32), camera, asked))[1]
         pixel, _ = camera.project(splats.mean.astype(float))
         drawn = render(leaning(splats, 0.05 * (pixel - pixel.mean(0))[:, 0] / camera.focal_px), camera, torch.full((3,), 120 / 255))[0]
