@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..start.force import cost_of_axes
+from ..start.force import AXES
 from ..types import StartValues
 from .unknowns import Layout
 
@@ -33,10 +33,10 @@ class Prior:
     SMOOTH = 3e-4
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None, across: np.ndarray | None = None) -> Prior:
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
         """Priors about the start values (log E, damping) and about zero (changes of the force). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
-        log E where more is known than the standard deviations. `across` (M, 3, 3) says what the tracks show (see start.force.cost_of_axes)."""
+        log E where more is known than the standard deviations."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
         of_these = start.material.taken_from(start.log10_young_sd)  # densities and Poisson's ratios, which are held or have priors of their own
@@ -47,8 +47,7 @@ class Prior:
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
         per_frame = cls.SMOOTH * difference.T @ difference
-        axes = cost_of_axes(across)
-        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, axes.T @ axes)
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, np.diag(AXES**2))
         at = layout.slices
         hessian[at["density"], at["density"]] = cls.DENSITY * np.eye(n)
         hessian[at["poisson"], at["poisson"]] = cls.POISSON * np.eye(n)

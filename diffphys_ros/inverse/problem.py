@@ -14,7 +14,6 @@ from ..devices import usable
 from ..errors import InputError
 from ..particles import DensePoints, bind, dense_points
 from ..types import Splats, StartValues
-from ..vibration.coordinates import seen_across
 from .carried import CarriedGaussians
 from .curvature import track_hessian
 from .engines import Engine, engines
@@ -101,7 +100,7 @@ def problem_on(
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    prior = Prior.of(layout, start, start_scale=start_scale, precision=precision, across=seen_across(body, prepared.tracks, clip.camera))
+    prior = Prior.of(layout, start, start_scale=start_scale, precision=precision)
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)

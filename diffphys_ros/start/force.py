@@ -20,7 +20,6 @@ from .free_tail import Physics, physical, prior_residual
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
 AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule [chosen]
-UNSEEN_SHARE = 0.1  # of both in a direction that no picture shows: what tracks say of it is their noise [tests/gates/test_plain.py]
 AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # how much more a force costs along the body than across it
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest [chosen]
 GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's [chosen]
@@ -56,16 +55,6 @@ class Solution:
     residual: np.ndarray  # all residuals, for least squares
 
 
-def cost_of_axes(across: np.ndarray | None) -> np.ndarray:
-    """How much more a force costs than one across the body that is fully seen: C (3, 3), upper triangular, |C f| over |f|. More along the body, and in
-    directions in which the tracks hardly show a motion; `across` (M, 3, 3) are projectors onto what they show, None where they show all."""
-    if across is None:
-        return np.diag(AXES)
-    share, axes = np.linalg.eigh(across.mean(0))
-    unseen = 1 / np.maximum(share / share[-1], UNSEEN_SHARE**2) - 1
-    return np.linalg.cholesky(np.diag(AXES**2) + (axes * unseen) @ axes.T).T
-
-
 @dataclass(frozen=True)
 class ForceProblem:
     """All frames of compressed tracks, and what is allowed to act."""
@@ -80,7 +69,6 @@ class ForceProblem:
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
-    axes: np.ndarray  # see cost_of_axes
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -91,7 +79,7 @@ class ForceProblem:
     def _calm(self) -> np.ndarray:
         """Rows of the priors, which are the same whatever the physics and the footprint."""
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
-        return _calming(self.heaviness[self.allowed], self.axes, 3 * int(self.allowed.sum()) + 2 * initial)
+        return _calming(self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial)
 
     @cached_property
     def _target(self) -> np.ndarray:
@@ -208,11 +196,11 @@ def _shifted(flags: np.ndarray, by: int) -> np.ndarray:
     return np.r_[False, flags[:-1]] if by > 0 else np.r_[flags[1:], False]
 
 
-def _calming(heaviness: np.ndarray, axes: np.ndarray, unknowns: int) -> np.ndarray:
+def _calming(heaviness: np.ndarray, unknowns: int) -> np.ndarray:
     """Rows of the priors on the force amplitudes: size, weighted frame by frame (F,), and change from frame to frame."""
     frames = len(heaviness)
     size = np.eye(3 * frames, unknowns)
-    size[:, : 3 * frames] = np.kron(np.diag(np.sqrt(heaviness)), axes) / FORCE_SD
-    change = np.kron(np.diff(np.eye(frames), axis=0), axes) / FORCE_STEP_SD
+    size[:, : 3 * frames] = np.kron(np.diag(np.sqrt(heaviness)), np.diag(AXES)) / FORCE_SD
+    change = np.kron(np.diff(np.eye(frames), axis=0), np.diag(AXES)) / FORCE_STEP_SD
     initial = np.eye(unknowns)[3 * frames :]
     return np.vstack([size, np.pad(change, ((0, 0), (0, unknowns - 3 * frames))), initial])
