@@ -216,6 +216,7 @@ class Experiment:
     force_channels: int = setting(8, "length of the feature vectors of a force field", low=1, high=256)
     decoder_width: int = setting(32, "width of the two hidden layers behind features", low=1, high=1024)
     transition_iterations: int = setting(150, "schedule paper: iterations of L-BFGS, at most, from one frame to the next (paper appendix D); 0: all frames are sought at once", low=0, high=100_000)
+    coarse_px: int = setting(1, "schedule paper: side of the blocks over which pictures are averaged in the first third of the iterations from one frame to the next, so that what has moved by as much is found; 1: none", unit="px", low=1, high=64)
     frame_drag: float = setting(0.0, "schedule paper: mass damping times the period of a frame, beside the body's own: the velocity that a force leaves fades within so many of its inverse; 0: none, forces of both signs follow each other", low=0.0, high=100.0)
     warm_up_share: float = setting(0.25, "schedule paper: share of the iterations over the whole clip in which the material rests (paper section 3.5)", low=0.0, high=1.0)
     force_rate: float = setting(0.03, "schedule paper: first step of Adam for features of the force", low=1e-6, high=10.0)

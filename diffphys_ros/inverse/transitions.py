@@ -20,6 +20,7 @@ from .model import Model
 from .unknowns import Unknowns
 
 RULES = Rules(memory=20, patience=None)  # of the search for a frame's force: steps that are remembered [numerical]
+COARSE_SHARE = 1 / 3  # of its iterations, in which pictures are compared in blocks [chosen]
 
 
 def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[Descent]:
@@ -61,12 +62,20 @@ class Walk:
         """Give the features of a frame the values that show the next picture best; their loss."""
         features = self.field.features
         sought = self._guess(frame).requires_grad_(True)
-        space, loss = Space([sought]), partial(self._loss, sought, frame)
-        last = deque([state := begin(space, loss())], maxlen=1)
-        last.extend(islice(descend(space, loss, state, RULES), self.experiment.transition_iterations))
-        space.assign(last[0].at)
+        coarse = round(COARSE_SHARE * self.experiment.transition_iterations) if self.experiment.coarse_px > 1 else 0
+        if coarse:
+            self._lower(sought, frame, self.experiment.coarse_px, coarse)
+        value = self._lower(sought, frame, 1, self.experiment.transition_iterations - coarse)
         with torch.no_grad():
             features[frame] = sought[0]
+        return value
+
+    def _lower(self, sought: Tensor, frame: int, block_px: int, iterations: int) -> float:
+        """Give features (1, voxels, channels) the values that show the next picture best in blocks of so many pixels; their loss."""
+        space, loss = Space([sought]), partial(self._loss, sought, frame, block_px)
+        last = deque([state := begin(space, loss())], maxlen=1)
+        last.extend(islice(descend(space, loss, state, RULES), iterations))
+        space.assign(last[0].at)
         return last[0].value
 
     @torch.no_grad()
@@ -84,14 +93,14 @@ class Walk:
             force = self.family[frame] + self.field.decoded(self.field.features[frame : frame + 1])[0] * self.model.allowed[frame]
             self.here = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, force[None], frame)[0]
 
-    def _loss(self, sought: Tensor, frame: int) -> Tensor:
-        """Of the picture after a frame's force (paper A.12), infinite where the simulation leaves its bounds."""
+    def _loss(self, sought: Tensor, frame: int, block_px: int = 1) -> Tensor:
+        """Of the picture after a frame's force (paper A.12) in blocks of so many pixels, infinite where the simulation leaves its bounds."""
         force = self.field.decoded(sought) * self.model.allowed[frame]
         try:
             state = self.forward.advance(self.here, self.start, self.unknowns, self.material.young, self.material.poisson, self.family[frame] + force, frame)[0]
         except SimulationError as error:
             return self.model.problem.objective.failed(str(error)).total
-        picture = self.term.of_frames(np.array([frame + 1]), state.x[None], self.start.x, (state.F @ self.upright)[None])
+        picture = self.term.of_frames(np.array([frame + 1]), state.x[None], self.start.x, (state.F @ self.upright)[None], block_px=block_px)
         before = self.field.decoded(self.field.features[frame - 1 : frame].detach()) if frame else force[:0]
         return self.experiment.image_weight * picture + self.experiment.force_smoothness * self.model.smoothness(torch.cat([before, force]) / self.unit)
 

@@ -29,6 +29,16 @@ def image_loss(rendered: torch.Tensor, observed: torch.Tensor, mask: torch.Tenso
     return loss + ssim_weight * (1 - masked_ssim(rendered, observed, mask)) if ssim_weight and bool(mask.any()) else loss
 
 
+def coarser(image: torch.Tensor, px: int) -> torch.Tensor:
+    """Means of an image (S, H, W, 3) over blocks of px x px pixels, those at the border over what there is of them."""
+    return torch.nn.functional.avg_pool2d(image.movedim(-1, 1), px, ceil_mode=True, count_include_pad=False).movedim(1, -1)
+
+
+def coarser_mask(mask: torch.Tensor, px: int) -> torch.Tensor:
+    """Which of the same blocks hold a pixel of a mask (S, H, W)."""
+    return torch.nn.functional.max_pool2d(mask.float()[:, None], px, ceil_mode=True)[:, 0] > 0
+
+
 def masked_l2(rendered: torch.Tensor, observed: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Mean squared difference over the object's pixels and channels."""
     squared = torch.where(mask[..., None], rendered - observed, 0.0).square()

@@ -180,7 +180,7 @@ def test_a_search_begins_with_the_share_of_the_last_force_that_shows_the_next_pi
     with torch.no_grad():
         walk.field.features[0] = 1.0
     for share in (1.0, 1 - held, 0.0, -held):
-        walk._loss = lambda features, frame, share=share: (features - share).square().sum()  # type: ignore[method-assign]
+        walk._loss = lambda features, frame, block_px=1, share=share: (features - share).square().sum()  # type: ignore[method-assign]
         assert walk._guess(1).mean().item() == pytest.approx(share)
 
 

@@ -141,3 +141,10 @@ def test_the_ssim_of_an_object_does_not_depend_on_the_picture_around_it():
     inside = losses.ssim_masked(a, b, mask)
     assert inside == pytest.approx(float(losses.masked_ssim(*(torch.from_numpy(t) for t in (a, b, mask)))), abs=1e-12)
     assert inside == losses.ssim_masked(a[10:, 5:], b[10:, 5:], mask[10:, 5:])
+
+
+def test_blocks_are_means_and_counted_where_one_of_their_pixels_is():
+    image, mask = torch.arange(5.0).view(1, 1, 5, 1).expand(1, 3, 5, 3), torch.zeros(1, 3, 5, dtype=torch.bool)
+    mask[0, 0, 4] = True
+    torch.testing.assert_close(losses.coarser(image, 2)[0, :, :, 0], torch.tensor([[0.5, 2.5, 4.0], [0.5, 2.5, 4.0]]))
+    assert losses.coarser_mask(mask, 2)[0].tolist() == [[False, False, True], [False, False, False]]

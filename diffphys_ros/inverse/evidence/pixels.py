@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from torch.utils.checkpoint import checkpoint
 
 from ...inpaint import scene_behind
-from ...metrics.image import depth_loss, image_loss, known_depth
+from ...metrics.image import coarser, coarser_mask, depth_loss, image_loss, known_depth
 from ...render import window_around
 from ...types import IGNORE, Clip, object_mask
 from ..carried import CarriedGaussians
@@ -121,13 +121,13 @@ class ImageTerm:
         found = self._misfits(x[self.frames], x[0], F[self.frames], mean_square)
         return 0.5 * self.overlap * found.image / self.frozen, 0.5 * found.depth / mean_square
 
-    def of_frames(self, numbers: np.ndarray, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
+    def of_frames(self, numbers: np.ndarray, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, *, block_px: int = 1) -> torch.Tensor:
         """The image term of neighbouring frames `numbers` (S,) alone, with particles x (S, P, 3) and F (S, P, 3, 3) there; 0 where none of them
-        is looked at."""
+        is looked at. Pictures are compared as means over blocks of block_px x block_px pixels."""
         chosen, seen = np.flatnonzero(np.isin(self.frames, numbers)), np.isin(numbers, self.frames)
         if not len(chosen):
             return 0.0 * x.sum()
-        found = self._of(slice(int(chosen[0]), int(chosen[-1]) + 1), x[seen], x0, F[seen], 1.0)
+        found = self._of(slice(int(chosen[0]), int(chosen[-1]) + 1), x[seen], x0, F[seen], 1.0, block_px)
         return 0.5 * self.overlap * found.image / self.frozen
 
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
@@ -137,11 +137,15 @@ class ImageTerm:
         image, pixels, depth, measured = map(torch.stack, zip(*(of(span, x[span], x0, F[span], mean_square) for span in spans), strict=True))
         return _Misfits(_mean(image, pixels), pixels.sum(), _mean(depth, measured), measured.sum())
 
-    def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
+    def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float, block_px: int = 1) -> _Misfits:
         """Of a few of the chosen frames. Gross errors of depth are left out: there the pixel shows something else than the mask says."""
         image, _, depth = self.renderer.render(x, x0, F, self.window)
-        mask = self.mask[span]
-        colours = image_loss(image, self.observed[span].float() / 255, mask, ssim_weight=self.ssim_weight)
+        mask, observed = self.mask[span], self.observed[span].float() / 255
+        if block_px > 1:
+            shown, seen, counted = coarser(image, block_px), coarser(observed, block_px), coarser_mask(mask, block_px)
+        else:
+            shown, seen, counted = image, observed, mask
+        colours = image_loss(shown, seen, counted, ssim_weight=self.ssim_weight)
         if self.depth is None or self.measured is None:
             return _Misfits(colours, mask.sum(), *torch.zeros(2, device=depth.device))
         near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
