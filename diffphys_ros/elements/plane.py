@@ -25,6 +25,7 @@ from .mesh import element_size, triangulate
 COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 % [tests/elements/test_plane.py]
 MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length [numerical]
 LEAST_ENERGY = 1e-16  # over E: less is no strain [numerical]
+MOST_SPLITS = 5  # of a step of a motion in halves [numerical]
 MOST_HALVINGS = 8  # of a step that would turn an element inside out [numerical]
 SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 % [Chung and Hulbert 1993]
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
@@ -50,6 +51,25 @@ def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _drag(speed: np.ndarray, per_s: float, per_m: float) -> np.ndarray:
     """Deceleration [m/s^2] of nodes with velocities x, y, x, y, ... [m/s]."""
     return (per_s + per_m * np.repeat(np.hypot(speed[::2], speed[1::2]), 2)) * speed
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """A moment of a free motion."""
+
+    u: np.ndarray  # displacements [m], (2 N,)
+    v: np.ndarray  # velocities [m/s] of what is not held, in the band's order, (D,)
+    a: np.ndarray  # accelerations [m/s^2], (D,)
+
+
+@dataclass(frozen=True)
+class _Under:
+    """What acts in a free motion."""
+
+    specific: float  # E / density [m^2/s^2]
+    load: np.ndarray  # (2 N,)
+    drag_per_s: float
+    drag_per_m: float
 
 
 @dataclass(frozen=True)
@@ -202,38 +222,54 @@ class FlatSolid:
 
     def march(self, specific: float, load: np.ndarray, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, drag_per_m: float = 0.0, step_s: float, steps: int) -> np.ndarray:
         """Displacements (steps + 1, 2 N) of the free motion from u with velocity v, by the generalised alpha method; drag is of the mass, with
-        a share that grows with speed. Raises DivergedError."""
-        free = self._band.order
-        mass, heavy = self.mass[free][:, free].tocsr(), self._band.filled(self._masses)
+        a share that grows with speed. A step that is too long is halved, and its halves. Raises DivergedError."""
+        under = _Under(specific, load, drag_per_s, drag_per_m)
+        # what a pose that was seen has of unbalanced forces is noise of the fastest motions, which die at once
+        at = _Moving(u.copy(), v[self._band.order].copy(), np.zeros(len(self._band.order)))
+        out = [at.u]
+        for _ in range(steps):
+            at = self._stepped(at, under, step_s, MOST_SPLITS)
+            out.append(at.u)
+        return np.array(out)
+
+    def _stepped(self, at: _Moving, under: _Under, step_s: float, splits: int) -> _Moving:
+        try:
+            return self._step(at, under, step_s)
+        except DivergedError:
+            if not splits:
+                raise
+        return self._stepped(self._stepped(at, under, step_s / 2, splits - 1), under, step_s / 2, splits - 1)
+
+    def _step(self, at: _Moving, under: _Under, step_s: float) -> _Moving:
+        free, (mass, heavy) = self._band.order, self._free_mass
         late = SPECTRAL_RADIUS / (1 + SPECTRAL_RADIUS)  # share of the step's begin in elastic forces and drag
         early = (2 * SPECTRAL_RADIUS - 1) / (1 + SPECTRAL_RADIUS)
         gamma, beta = 0.5 - early + late, 0.25 * (1 - early + late) ** 2
-        u, v = u.copy(), v[free].copy()
-        a = np.zeros(len(free))  # what a pose that was seen has of unbalanced forces is noise of the fastest motions, which die at once
-        out = [u.copy()]
-        for _ in range(steps):
-            u0, v0, a0 = u[free].copy(), v.copy(), a.copy()
-            new = u0 + step_s * v0 + 0.5 * step_s**2 * a0
-            between = u.copy()
-            for _ in range(MOST_NEWTON):
-                a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
-                v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
-                between[free] = (1 - late) * new + late * u0
-                forces, tangent = self._inner(between)
-                speed = (1 - late) * v + late * v0
-                residual = (load - specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - mass @ (_drag(speed, drag_per_s, drag_per_m))
-                scale = (1 - early) / (beta * step_s**2) + (1 - late) * drag_per_s * gamma / (beta * step_s)
-                change = solved(scale * heavy + (1 - late) * specific * self._band.filled(tangent), residual)
-                new = new + change
-                if np.abs(change).max() < CLOSE_M:
-                    break
-            else:
-                raise DivergedError(f"a step of {step_s:.3g} s is too long for this motion")
-            u[free] = new
+        u0, v0, a0 = at.u[free], at.v, at.a
+        new, between = u0 + step_s * v0 + 0.5 * step_s**2 * a0, at.u.copy()
+        for _ in range(MOST_NEWTON):
             a = (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
             v = v0 + step_s * ((1 - gamma) * a0 + gamma * a)
-            out.append(u.copy())
-        return np.array(out)
+            between[free] = (1 - late) * new + late * u0
+            forces, tangent = self._inner(between)
+            speed = (1 - late) * v + late * v0
+            residual = (under.load - under.specific * forces)[free] - mass @ ((1 - early) * a + early * a0) - mass @ _drag(speed, under.drag_per_s, under.drag_per_m)
+            scale = (1 - early) / (beta * step_s**2) + (1 - late) * under.drag_per_s * gamma / (beta * step_s)
+            change = solved(scale * heavy + (1 - late) * under.specific * self._band.filled(tangent), residual)
+            new = new + change
+            if np.abs(change).max() < CLOSE_M:
+                break
+        else:
+            raise DivergedError(f"a step of {step_s:.3g} s is too long for this motion")
+        u, a = at.u.copy(), (new - u0 - step_s * v0) / (beta * step_s**2) - (0.5 / beta - 1) * a0
+        u[free] = new
+        return _Moving(u, v0 + step_s * ((1 - gamma) * a0 + gamma * a), a)
+
+    @cached_property
+    def _free_mass(self) -> tuple[sp.csr_matrix, np.ndarray]:
+        """That of what is not held, in the band's order, as a matrix and as a band."""
+        free = self._band.order
+        return self.mass[free][:, free].tocsr(), self._band.filled(self._masses)
 
     @cached_property
     def border(self) -> np.ndarray:

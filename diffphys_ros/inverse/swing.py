@@ -115,19 +115,15 @@ class Follower:
         return replace(self, specific=specific, rest=rest)
 
     def let_go(self, u: np.ndarray, v: np.ndarray, *, drag_per_s: float, drag_per_m: float = 0.0, hz: float, frames: int) -> np.ndarray | None:
-        """Displacements (frames, 2 N) of the free motion from u with velocity v at the clip's frames, with steps as short as it needs; None where none are
-        short enough."""
+        """Displacements (frames, 2 N) of the free motion from u with velocity v at the clip's frames; None where no steps are short enough."""
         from ..elements.plane import DivergedError
 
         period_s = self.whole.period_s
         substeps = max(int(np.ceil(STEPS_A_PERIOD * hz * period_s)), 1)
-        for finer in (1, 2, 4, 8):
-            number = finer * substeps
-            try:
-                return self.plane.march(self.specific, self.load, u, v, drag_per_s=drag_per_s, drag_per_m=drag_per_m, step_s=period_s / number, steps=(frames - 1) * number)[::number]
-            except DivergedError:
-                continue
-        return None
+        try:
+            return self.plane.march(self.specific, self.load, u, v, drag_per_s=drag_per_s, drag_per_m=drag_per_m, step_s=period_s / substeps, steps=(frames - 1) * substeps)[::substeps]
+        except DivergedError:
+            return None
 
     def obeying(self, law: Yielding, calm: CalmSwing) -> Follower:
         """The same of a material that gives way, with the calm frames' frequency."""

@@ -105,3 +105,15 @@ def test_drag_of_squared_speed_brakes_what_is_fast(plane: FlatSolid) -> None:
     loose = replace(plane, held=np.zeros(len(plane.nodes), bool))
     u = loose.march(SPECIFIC, still(plane), still(plane), speed, drag_per_s=0.0, drag_per_m=5.0, step_s=2e-3, steps=50)
     assert u[-1, 1::2] == pytest.approx(np.log(1 + 5.0 * 2.0 * 0.1) / 5.0, rel=5e-3)
+
+
+def test_a_step_that_is_too_long_for_a_jolt_is_halved(plane: FlatSolid, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pose of a filmed strip has noise in its velocity, which the first steps meet."""
+    jolt = still(plane)
+    jolt[2 * int(plane.nodes.sum(1).argmax())] = -20.0  # one corner of the free end, m/s
+    march = {"drag_per_s": 1.0, "step_s": 5e-4}
+    fine = plane.march(SPECIFIC, still(plane), still(plane), jolt, drag_per_s=1.0, step_s=5e-4 / 32, steps=32 * 20)[::32]
+    assert plane.march(SPECIFIC, still(plane), still(plane), jolt, **march, steps=20)[-1] == pytest.approx(fine[-1], abs=1e-3)
+    monkeypatch.setattr("diffphys_ros.elements.plane.MOST_SPLITS", 0)
+    with pytest.raises(DivergedError):
+        plane.march(SPECIFIC, still(plane), still(plane), jolt, **march, steps=20)
