@@ -28,6 +28,11 @@ class Clamp:
     told: str  # the setting and its value, for messages
     drawn: bool = False  # as a line in the picture, beyond which the body goes on straight; false: as a box
 
+    @property
+    def reach_m(self) -> float:
+        """How far the box goes on beyond the clamped plane [m]; 0 for a line."""
+        return 0.0 if self.drawn else min(INSET_M, float(np.abs(self.normal) @ self.half_size))
+
 
 def find_clamp(scene: Scene, camera: Camera, surface: np.ndarray, towards_camera: np.ndarray, behind_px: float = 0.0) -> Clamp | None:
     """The clamped plane of `scene.clamp_box_m` or `scene.clamp_px`, or None without either.

@@ -21,6 +21,7 @@ SMOOTH_PX = 7  # over which a surface is taken to be straight; depth is averaged
 SPECK_PX = 5  # side of the window over whose median specks do not rise
 TOP = 0.995  # quantile of the front's heights that is taken for the highest
 FRONT_PX = 2.0  # footprints of a pixel below the front's level that still belong to it
+STEP_PX = 0.5  # footprints of a pixel by which a front that tapers may rise at its clamp beyond what its taper says [chosen]
 TOP_NOISE = 5.0  # standard deviations below it that are still the same level
 
 
@@ -70,7 +71,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
     height = np.zeros(mask.shape)
     height[v, u] = seen[:, 2]
     noise = height_noise(height, mask)
-    front = front_level(height, mask, noise)
+    front = _front_of(clamp, seen, height, mask, noise, footprint)
     lean = 0.0
     if clamp is not None and not clamp.drawn:
         below = max(FRONT_PX * footprint, TOP_NOISE * noise)
@@ -92,6 +93,28 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
         lean=lean,
         behind_m=behind_px * footprint,
     )
+
+
+def _front_of(clamp: Clamp | None, seen: np.ndarray, height: np.ndarray, mask: np.ndarray, noise_m: float, footprint_m: float) -> float:
+    """Height of the front where it is highest [m], of a height (H, W) on a mask whose points in the body's frame are `seen` (P, 3). What rises at the box that
+    holds the body by more than the front does beyond it is the edge of a mount, nearer to the camera, that the mask takes in."""
+    level = front_level(height, mask, noise_m)
+    if clamp is None or clamp.drawn:
+        return level
+    edge = clamp.reach_m + SMOOTH_PX * footprint_m
+    beyond, near, far = (_pixels(mask, (seen[:, 0] > k * edge) & (seen[:, 0] <= end * edge)) for k, end in ((1, np.inf), (1, 2), (2, 3)))
+    if min(part.sum() for part in (beyond, near, far)) < LEAST_PIXELS:
+        return level
+    free, nearer, farther = (front_level(height, part, noise_m) for part in (beyond, near, far))
+    at_clamp = max(free, nearer + 1.5 * (nearer - farther))  # from the middles of the two, on to the clamped plane
+    return level if level <= at_clamp + max(STEP_PX * footprint_m, TOP_NOISE * noise_m) else free
+
+
+def _pixels(mask: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """The pixels (H, W) of a mask that are `chosen` (P,) among them."""
+    part = np.zeros_like(mask)
+    part[mask] = chosen
+    return part
 
 
 def on_front(seen: np.ndarray, eye: np.ndarray, front: float, below: float) -> np.ndarray:

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..config import Settings
+from ..config import Scene, Settings
 from ..errors import InputError, shown
 from ..progress import Progress, waiting
-from ..types import Body, Clip, MaterialPrior, StartValues, Swing, object_mask
+from ..types import Body, Clip, MaterialPrior, StartValues, Swing, Tracks, object_mask
+from ..vibration.rest import Rest, rest_of
 from .law import law_to_fit
 from .material_prior import believed, of_parts, parted
 from .outlined import outlined, with_hanging
+from .placement import at_rest, shown_at_rest
 from .prepared import LEAST_FRAMES, Prepared
 from .stages import require_schedule
 from .swing import swing_of
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 
 UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
-IN_MOTION = "frame 0 lies further from rest than the free swing: the body was built in the pose of frame {}"
+IN_MOTION = "the object is not at rest in frame 0: the body was built in the pose of frame {}, of which {:.1f} mm (rms) were taken off that are left to rest"
 
 
 def label(clip: Clip, settings: Settings) -> Clip:
@@ -118,7 +120,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     from ..body import build_body
     from ..depth import surface_depth
     from ..outline import follow_outline
-    from ..tracks import counted_from, follow, frame_of_rest, on_tripod
+    from ..tracks import follow, on_tripod
 
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
@@ -136,13 +138,31 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
         yield Progress("tracks", text=held.clip.notes[-1])
     if by_outline:
         held = replace(held, clip=replace(held.clip, notes=(*held.clip.notes, UNSEEN)))
-    nearest = 0 if by_outline or settings.scene.at_rest or held.clip.depth is None else frame_of_rest(held.tracks)
-    if nearest:
-        held = replace(held, tracks=counted_from(held.tracks, nearest), clip=replace(held.clip, notes=(*held.clip.notes, IN_MOTION.format(nearest))))
+    rest = None if by_outline or held.clip.depth is None else _rest_of(held.tracks, clip.period_s, settings.scene)
     yield Progress("body", text=f"{held.tracks.pixels.shape[1]} tracks, noise {1e3 * held.tracks.noise_m:.2f} mm; filling the interior")
-    shown = held.clip.part(nearest, len(held.clip))
-    body = build_body(shown, surface_depth(shown, settings)[0] if nearest else depth0, settings)
+    if rest is None:
+        body = build_body(held.clip, depth0, settings)
+    else:
+        held, body = _built_at_rest(held, rest, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
+
+
+def _rest_of(tracks: Tracks, period_s: float, scene: Scene) -> Rest | None:
+    """Where an object that is held rests, if that is not told to be, and is not, the shape of frame 0; what nothing holds does not swing about any."""
+    held = scene.clamp_box_m is not None or scene.clamp_px is not None
+    return rest_of(tracks, period_s) if held and not scene.at_rest else None
+
+
+def _built_at_rest(held: OnTripod, rest: Rest, settings: Settings) -> tuple[OnTripod, Body]:
+    """With tracks that count from rest, and the body in that pose."""
+    from ..body import build_body
+    from ..depth import surface_depth
+
+    left_mm = 1e3 * float(np.sqrt((rest.offset**2).sum(1).mean()))
+    noted = replace(held.clip, notes=(*held.clip.notes, IN_MOTION.format(rest.frame, left_mm)))
+    tracks, shown = at_rest(held.tracks, rest), noted.part(rest.frame, len(noted))
+    shown, surface = shown_at_rest(shown, surface_depth(shown, settings)[0], tracks, rest)
+    return replace(held, clip=noted, tracks=tracks), build_body(shown, surface, settings)
 
 
 def _plain(clip: Clip, settings: Settings) -> bool:

@@ -2,7 +2,6 @@
 
 from .background import CameraMotion, camera_motion
 from .follow import follow, follow_on
-from .rest import counted_from, frame_of_rest
 from .tripod import OnTripod, on_tripod
 
-__all__ = ["CameraMotion", "OnTripod", "camera_motion", "counted_from", "follow", "follow_on", "frame_of_rest", "on_tripod"]
+__all__ = ["CameraMotion", "OnTripod", "camera_motion", "follow", "follow_on", "on_tripod"]

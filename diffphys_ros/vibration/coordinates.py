@@ -101,18 +101,24 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     across = seen_across(body, tracks, camera)
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
-    known = tracks.valid.mean(1) > LEAST_POINTS
-    known[0] = True
-    principal = _principal(_likeness(points[0], across), displacement, tracks.valid, known)
-    principal = principal - principal[:1]
-    q = principal[:, _first_order(principal[known], floor=COHERENT_SHARE * tracks.noise_m)]
-    shapes, misfit = _regress(q, displacement, tracks.valid)
+    q, known = leading(_likeness(points[0], across), displacement, tracks.valid, tracks.noise_m)
+    shapes, misfit = shapes_of(q, displacement, tracks.valid)
     calm = tracks.valid & (misfit <= WILD * np.median(misfit[tracks.valid]))
     kept = calm[known].mean(0) > LEAST_SEEN
-    shapes, _ = _regress(q, displacement[:, kept], calm[:, kept])
+    shapes, _ = shapes_of(q, displacement[:, kept], calm[:, kept])
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
     kept_across = None if across is None else across[kept]
     return Motion(points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+
+
+def leading(places: np.ndarray, displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Leading coordinates (T, n), 0 in frame 0 [m, root mean square over the points], of displacements (T, M, 3) [m] of points at `places` (M, k), where
+    they hold (T, M), with tracks' noise [m]; and the frames in which anything was seen (T,)."""
+    known = valid.mean(1) > LEAST_POINTS
+    known[0] = True
+    principal = _principal(places, displacement, valid, known)
+    principal = principal - principal[:1]
+    return principal[:, _first_order(principal[known], floor=COHERENT_SHARE * noise_m)], known
 
 
 def seen_across(body: Body, tracks: Tracks, camera: Camera | None) -> np.ndarray | None:
@@ -188,7 +194,7 @@ def _first_order(principal: np.ndarray, *, floor: float) -> list[int]:
     return chosen
 
 
-def _regress(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First-order shapes (M, 3, n) of all points, by least squares on the q's and their products over the valid frames,
     and the lengths of what is left [m], (T, M)."""
     size = np.maximum(np.abs(q).max(0), 1e-300)

@@ -38,6 +38,7 @@ class Support:
     frequencies_hz: np.ndarray  # leading first, (n,)
     decay_per_s: np.ndarray  # (n,)
     sigma_m: float  # misfit of one coordinate of the recursion in the tail [m]
+    centre: np.ndarray | None = None  # of the free motion [m], (n,); None: frame 0 is it, or the recursion has none within the motion
 
     @property
     def allowed(self) -> np.ndarray:
@@ -80,7 +81,7 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
     free = _is_free(coordinates[tail:], frequencies, sigma_one, period_s) and (forced.any() or not at_rest)  # something set it moving
     free = free and _tells(_leading(matrix, coordinates[tail:]), rows.leading_sd(keep, matrix, coordinates[tail:], floor), len(coordinates) - tail)
-    return Support(forced, bool(free), frequencies, decays, sigma_one)
+    return Support(forced, bool(free), frequencies, decays, sigma_one, None if at_rest else _centre(matrix, coordinates[known]))
 
 
 @dataclass(frozen=True)
@@ -211,6 +212,13 @@ def _oscillation(matrix: np.ndarray, tail: np.ndarray, period_s: float) -> tuple
     share = [np.abs(np.linalg.pinv(vectors)[k] @ state.T).mean() * np.linalg.norm(vectors[:n, k]) for k in swing]
     order = swing[np.argsort(share)[::-1]]
     return rate[order].imag / (2 * np.pi), -rate[order].real
+
+
+def _centre(matrix: np.ndarray, moved: np.ndarray) -> np.ndarray | None:
+    """Coordinates (n,) at which a recursion with a constant stays, of known coordinates `moved` (F, n); None where these do not lie about it."""
+    n = moved.shape[1]
+    still = np.linalg.lstsq((np.eye(n) - matrix[:n] - matrix[n : 2 * n]).T, matrix[2 * n] * np.abs(moved).max(), rcond=None)[0]
+    return still if ((moved.min(0) <= still) & (still <= moved.max(0))).all() else None
 
 
 def _leading(matrix: np.ndarray, tail: np.ndarray) -> np.ndarray:

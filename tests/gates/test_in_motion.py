@@ -17,7 +17,7 @@ from tools.sample_maker.messages import clip_messages
 from .conftest import SHORT, Answer, folder_of, scored, solved
 
 BEGINS = 8  # frame: the push is over, the bar at the end of its way
-TOLD = ("--scene.mass_kg", "null", "--scene.density_kg_m3", "[950]", "--segment.max_parts", "1")  # E itself: bent, the body is a fifth too small
+TOLD = ("--scene.mass_kg", "null", "--scene.density_kg_m3", "[950]", "--segment.max_parts", "1")  # E itself
 UNTOLD = ("--scene.first_mask", "null", "--scene.at_rest", "false")
 SHARP = {"--experiment.splat_iterations": "60", "--experiment.max_splats": "1200", "--fit.iterations": "2"}  # pictures that tell where Gaussians are bound
 FREE_END = 0.93  # quantile of the way from the clamp beyond which points are of it

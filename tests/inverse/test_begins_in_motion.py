@@ -1,25 +1,30 @@
-"""A clip that begins in motion: the body is built where it is nearest to rest, and the answer lies where frame 0 has it."""
+"""A clip that begins in motion: the body is built in its pose at rest, and the answer lies where frame 0 has it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from diffphys_ros.inverse.placement import in_body_pose, offset_of_first
+from diffphys_ros.inverse.placement import at_rest, in_body_pose, offset_of_first, shown_at_rest
 from diffphys_ros.inverse.prepare import _by_points
 from diffphys_ros.progress import finished
-from diffphys_ros.tracks import counted_from
 from diffphys_ros.types import Clip, Tracks
+from diffphys_ros.vibration.rest import Rest
 from tests.boxes import bar, bar_settings, box_clip, camera_at, turned
 
 VOLUME_M3 = 0.24 * 0.05 * 0.06
+CAMERA = camera_at((0.12, -0.6, 0.0), (0.12, 0, 0))
+
+
+def swung(angles: np.ndarray) -> Clip:
+    """The bar turned about its clamp, towards the camera and away from it, by angles (T,) [rad]."""
+    return box_clip(bar(), [turned(angle, axis=2) for angle in angles], CAMERA)
 
 
 @pytest.fixture(scope="module")
 def away() -> Clip:
-    """Frame 0 has the free end 35 mm further from the camera than the pose that the bar swings about."""
-    poses = [turned(0.15 * np.cos(np.pi / 8 * k), axis=2) for k in range(32)]
-    return box_clip(bar(), poses, camera_at((0.12, -0.6, 0.0), (0.12, 0, 0)))
+    """Frame 0 has the free end 35 mm further from the camera than the pose that the bar swings about; no frame is nearer to that than 8 mm."""
+    return swung(0.15 * np.cos(np.pi / 8 * np.arange(32)) + 0.05 * (-1.0) ** np.arange(32))
 
 
 def test_a_body_bent_away_in_frame_0_is_not_taken_for_a_tapered_one(away: Clip) -> None:
@@ -32,6 +37,30 @@ def test_a_body_bent_away_in_frame_0_is_not_taken_for_a_tapered_one(away: Clip) 
 def test_what_is_told_to_rest_in_frame_0_is_built_there(away: Clip) -> None:
     held, _, _, _ = finished(_by_points(away, bar_settings(scene__at_rest=True)))
     assert held.tracks.first is None
+
+
+def test_what_nothing_holds_is_built_in_frame_0(away: Clip) -> None:
+    held, _, _, _ = finished(_by_points(away, bar_settings(scene__clamp_box_m=None)))
+    assert held.tracks.first is None
+
+
+def test_a_bent_view_is_shown_as_it_is_at_rest() -> None:
+    bent, still = swung(np.array([0.1, 0.1])), swung(np.zeros(2))
+    assert bent.labels is not None
+    assert still.labels is not None
+    assert still.depth is not None
+    assert bent.depth is not None
+    mask = bent.labels[0] > 0
+    at = bent.camera.backproject(np.argwhere(mask)[::37, ::-1].astype(float), bent.depth[0][mask][::37].astype(float))
+    home = at @ np.linalg.inv(turned(0.1, axis=2))[:3, :3].T
+    tracks = Tracks(np.zeros((2, len(at), 2)), np.stack([at, at]), np.ones((2, len(at)), bool), True, 1e-4)
+    rest = Rest(0, home - at)
+    shown, surface = shown_at_rest(bent, np.where(mask, bent.depth[0], 0), at_rest(tracks, rest), rest)
+    both = (surface > 0) & (still.labels[0] > 0)
+    assert both.sum() > 0.95 * (still.labels[0] > 0).sum()
+    assert np.abs(surface - still.depth[0])[both].max() < 3e-3
+    assert np.abs(shown.frames[0].astype(float) - still.frames[0])[both].mean() < 0.4 * np.abs(bent.frames[0].astype(float) - still.frames[0])[both].mean()
+    assert np.array_equal(shown.frames[1], bent.frames[1])
 
 
 def test_places_in_frame_0_and_on_the_body_follow_from_each_other(away: Clip) -> None:
@@ -49,4 +78,19 @@ def test_a_body_of_frame_0_is_where_it_is() -> None:
     tracks = Tracks(np.zeros((2, 5, 2)), np.stack([points, points]), np.ones((2, 5), bool), True, 1e-4)
     assert np.array_equal(in_body_pose(tracks, points), points)
     assert not offset_of_first(tracks, points).any()
-    assert counted_from(tracks, 1).first is not None
+
+
+def test_tracks_that_count_from_rest_move_as_before() -> None:
+    random = np.random.default_rng(1)
+    points = random.normal(size=(6, 5, 3))
+    valid = np.ones((6, 5), bool)
+    valid[4, 3] = False
+    kept, offset = np.arange(5) != 3, random.normal(size=(4, 3))
+    tracks = Tracks(points[..., :2], points, valid, True, 1e-4, np.zeros((6, 5, 2)))
+    other = at_rest(tracks, Rest(4, offset))
+    assert other.first is not None
+    assert other.sd_m is not None
+    assert np.array_equal(other.first, points[0, kept])
+    assert np.allclose(other.points[0], points[4, kept] + offset)
+    assert np.allclose(other.points - other.points[0], (points - points[0])[:, kept])
+    assert other.sd_m.shape == (6, 4, 2)
