@@ -38,23 +38,23 @@ class Family:
 
 
 def _hook(rng: Any, parts: int, quick: bool) -> Any:
-    """A stem, an arm to one side, and its end turned down."""
+    """A stem, an arm to one side, and its end turned down: of three materials one each."""
     side, stem, reach = rng.uniform(0.034, 0.046), int(rng.integers(5, 8)), int(rng.integers(3, 5))
     drop, sign = int(rng.integers(1, 3)), int(rng.choice([-1, 1]))
     blocks = [(0, 0, k) for k in range(stem)] + [(sign * (i + 1), 0, stem - 1) for i in range(reach)]
     blocks += [(sign * reach, 0, stem - 2 - i) for i in range(drop)]
-    part = [0] * stem + [1] * (reach + drop)
+    part = [0] * stem + [1] * reach + [2] * drop
     return _meshed(blocks, 3 * (side,), part, parts, quick)
 
 
 def _fork(rng: Any, parts: int, quick: bool) -> Any:
-    """A stem that carries a bar with a prong at each end."""
+    """A stem that carries a bar with a prong at each end; of two materials the prongs are of the second, of three each is of its own."""
     side, stem, reach = rng.uniform(0.034, 0.044), int(rng.integers(3, 5)), int(rng.integers(1, 3))
     left, right = int(rng.integers(2, 5)), int(rng.integers(2, 5))
     bar = [(i, 0, stem) for i in range(-reach, reach + 1)]
     prongs = [(-reach, 0, stem + 1 + k) for k in range(left)] + [(reach, 0, stem + 1 + k) for k in range(right)]
     blocks = [(0, 0, k) for k in range(stem)] + bar + prongs
-    return _meshed(blocks, 3 * (side,), [0] * (stem + len(bar)) + [1] * len(prongs), parts, quick)
+    return _meshed(blocks, 3 * (side,), [0] * (stem + len(bar)) + [1] * left + [2] * right, parts, quick)
 
 
 def _cord(rng: Any, parts: int, quick: bool) -> Any:

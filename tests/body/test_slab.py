@@ -78,7 +78,6 @@ def test_a_root_hidden_behind_its_mount_is_continued_to_the_clamp() -> None:
     assert body.inside[0].any()
 
 
-<<<<<<< HEAD
 def test_a_root_behind_its_mount_is_continued_to_the_clamp_without_depth() -> None:
     mount = Box(np.array([-0.06, -0.06, -0.06]), np.array([0.0, 0.06, 0.06]))
     clip = box_clip(bar(), [np.eye(4)], camera_at((-0.2, -0.4, 0.05), (0.08, 0, 0)), mount=mount, depth=False)
@@ -126,8 +125,6 @@ def painted(camera: Camera, pieces: list[np.ndarray]) -> Clip:
     return Clip(frame[None], 1_000_000_000, 1 / 30, camera, labels=(share[None] > 0.5).astype(np.uint8), source="painted")
 
 
-def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip, usual: Body) -> None:
-=======
 def test_a_mask_that_takes_in_the_edge_of_a_nearer_mount_does_not_make_the_body_thinner() -> None:
     mount = Box(np.array([-0.06, -0.03, -0.06]), np.array([0.005, 0.03, 0.06]))
     clip = box_clip(bar(), [np.eye(4)], camera_at((0.12, -0.45, 0.0), (0.12, 0, 0)), mount=mount)
@@ -142,8 +139,7 @@ def test_a_mask_that_takes_in_the_edge_of_a_nearer_mount_does_not_make_the_body_
     assert body.volume_m3 == pytest.approx(bar().volume, rel=0.025)
 
 
-def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip) -> None:
->>>>>>> 90a0a83 (A clip that begins in motion: its body is built where the free swing has its centre; a mount's edge in the mask is no front)
+def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip, usual: Body) -> None:
     gap = 6 * PIXEL_M
     body = solid(clip, bar_settings(scene__clamp_box_m=[-0.05, -0.03, -0.035, 0.005 - gap, 0.03, 0.035]))
     assert body.inside[0].any()
