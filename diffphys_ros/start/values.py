@@ -91,19 +91,30 @@ def joint_values(
     free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
     # a shorter swing passes for a push
     needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
-    told = (spread < AGREEMENT) & (free >= needed) & evidence.moves
+    motion = of_motion(best)
+    missed, moved = _missed_m(evidence, motion["track_cost"])
+    badly = explained_badly(missed, evidence.motion.coherent_m, moved)
+    told = (spread < AGREEMENT) & (free >= needed) & evidence.moves & (not badly)
     reason = (
         f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {needed}), "
-        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})."
+        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})"
+        + (f", and the motion differs from the fitted by {1e3 * missed:.2f} mm of {1e3 * moved:.2f} mm; check mask, thickness and parts." if badly else ".")
     )
     sd = np.maximum(spread, LEAST_SD)
     return replace(
         start,
-        **of_motion(best),
+        **motion,
         log10_young_sd=sd if belief is None else np.minimum(sd, belief.log10_young_sd),
         identified=told,
         reasons=tuple(reason.format(s) for s in spread),
     )
+
+
+def _missed_m(evidence: Evidence, track_cost: float) -> tuple[float, float]:
+    """What a motion misses of the tracks beyond their own noise, and how far they move, root mean square [m]."""
+    seen = evidence.motion
+    square = float((seen.displacement**2).sum(2)[seen.valid].mean()) if seen.valid.any() else 0.0
+    return math.sqrt(max(track_cost * square - 3 * evidence.tracks.noise_m**2, 0.0)), math.sqrt(square)
 
 
 def supported(evidence: Evidence) -> Support:

@@ -58,3 +58,14 @@ def test_tracks_that_never_move_end_in_numbers_and_no_stiffness(prepared):
     assert np.isfinite(found.young).all()
     assert np.isfinite(found.force).all()
     assert not found.identified.any()
+
+
+def test_a_joint_fit_that_leaves_much_of_the_motion_unexplained_tells_no_stiffness(prepared):
+    """Starts that agree on a body which is not the one that moves are no answer."""
+    tracks = make_tracks(prepared.body, prepared.modal, prepared.start)
+    moved = tracks.points - tracks.points[:1]
+    ripple = np.sign(np.sin(40 * np.arange(tracks.points.shape[1])))[:, None] * np.sqrt((moved**2).sum(2).mean())
+    strange = dataclasses.replace(tracks, points=tracks.points + 0.4 * ripple * np.sin(0.7 * np.arange(FRAMES))[:, None, None] * np.array([0.0, 1.0, 0.0]))
+    found = joint_values(prepared.body, strange, PERIOD_S, AT_REST, prepared.start, prepared.modal, camera=make_camera())
+    assert not found.identified.any()
+    assert "and the motion differs from the fitted by" in found.reasons[0]
