@@ -55,7 +55,7 @@ def force(recovery: Recovery, clip: Clip) -> Figure:
         arrows = axes.quiver(*a.T, *(b - a).T, size[k], angles="xy", scale_units="xy", scale=1, cmap="plasma", norm=Normalize(0, largest), width=0.006)
         axes.set(xticks=[], yticks=[], title=f"{k * recovery.period_s:.2f} s")
     figure.colorbar(arrows, ax=axes_row, shrink=0.8, label="force [N/m³]")
-    figure.suptitle("" if recovery.force_identified else "not identified")
+    figure.suptitle("" if recovery.force_identified else "force not identified: what the simulation ended with")
     return figure
 
 
@@ -100,9 +100,9 @@ def parts(recovery: Recovery, clip: Clip) -> Figure:
         if not len(here):
             continue
         colour, (low, high) = f"C{number - 1}", (here.min(0), here.max(0))
-        axes.scatter(here[:, 0], here[:, 1], s=3, color=colour, alpha=0.3)
+        axes.scatter(here[:, 0], here[:, 1], s=1, color=colour, alpha=0.3)
         axes.add_patch(_box(low, high, colour))
-        axes.text(low[0], low[1] - 3, f"part {number}", color=colour, fontsize=10)
+        axes.text(low[0], low[1], f"part {number}", color=colour, fontsize=9, verticalalignment="bottom", bbox={"facecolor": "white", "edgecolor": colour, "pad": 1.5})
         words.append(f"part {number}: {reason}")
     axes.set(xticks=[], yticks=[])
     axes.set_xlabel("\n".join(textwrap.fill(line, WORDS_WIDTH) for line in words), fontsize=7, loc="left")
