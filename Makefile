@@ -15,7 +15,7 @@ help:
 	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
 	@echo "make test         all tests but those of make faults (JOBS=2 on two cores: eight and a half minutes)"
 	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"
-	@echo "make check        ruff, mypy and the quick tests: no nodes, no whole recovery or capture, nothing of make faults, hardly anything over a second (a minute and a half on two cores)"
+	@echo "make check        ruff, mypy and the quick tests: no nodes, no whole recovery or capture, no pretrained network, nothing of make faults, hardly anything over a second (a minute and a half on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
 	@echo "make fuzz         hostile input for every door (under an hour on two cores); ONLY=\"settings bags\" for some, CASES=n each, SEED=n, JOBS=n at a time"
 	@echo "make lint         ruff, mypy"

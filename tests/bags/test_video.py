@@ -69,6 +69,7 @@ def test_frames_of_changing_size_are_refused(images: Path) -> None:
         read_clip(images, SETTINGS)
 
 
+@pytest.mark.slow
 def test_more_pictures_than_can_be_worked_on_are_refused_unread(tmp_path: Path) -> None:
     for k in range(5001):
         (tmp_path / f"{k}.png").touch()

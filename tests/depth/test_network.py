@@ -15,6 +15,7 @@ from diffphys_ros.types import Clip
 from tests.boxes import bar, bar_settings, box_clip, oblique_camera
 
 checkpoints = pytest.importorskip("tests.checkpoints", reason="transformers is not installed; pip install '.[models]'")
+pytestmark = pytest.mark.slow  # imports transformers
 
 
 @pytest.fixture(scope="module")

@@ -61,6 +61,7 @@ def column(gravity_x: float) -> tuple[ModalModel, np.ndarray]:
     return modal_model(Elements.of(body), [young], [4]), young
 
 
+@pytest.mark.slow
 def test_hanging_raises_and_standing_lowers_the_first_frequency_by_the_share_of_the_buckling_weight():
     plain = column(0.0)
     hanging, standing = column(9.81), column(-9.81)

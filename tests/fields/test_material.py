@@ -128,6 +128,7 @@ def test_two_fields_of_one_seed_are_equal_to_the_bit_after_pretraining() -> None
     assert torch.equal(trained().young, trained().young)
 
 
+@pytest.mark.slow
 def test_a_residual_field_at_the_border_of_its_bounds_can_still_come_back() -> None:
     field = ResidualMaterial(Believed(POINTS, np.full(len(POINTS), YOUNG.high), np.full(len(POINTS), 0.49)), YOUNG, generator=generator())
     assert pretrain(field, X, two_parts(POINTS).at(X), YOUNG) < 0.3

@@ -22,6 +22,7 @@ from tests.boxes import bar_settings, box_clip, oblique_camera, turned
 from tests.segment.test_label import MOUNT, bar
 
 checkpoints = pytest.importorskip("tests.checkpoints", reason="transformers is not installed; pip install '.[models]'")
+pytestmark = pytest.mark.slow  # imports transformers
 FRAME = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (48, 80, 3), dtype=np.uint8), (0, 0), 2)
 PROMPT = Prompt(np.array([10.0, 5.0, 60.0, 40.0]), np.array([30.0, 20.0]))
 

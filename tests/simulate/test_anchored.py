@@ -37,6 +37,7 @@ def tip(sim: Simulator, state: State) -> float:
 STRUCK = -0.058  # [m]: a floor that the swinging tip strikes; the hanging one ends at -0.042 m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floor", [None, -0.2, STRUCK], ids=["no floor", "a floor out of reach", "a floor that its tip strikes"])
 def test_a_body_set_swinging_under_gravity_and_damped_comes_to_rest_where_it_was(floor):
     """With weights that move along it comes to rest a tenth of its sag lower."""

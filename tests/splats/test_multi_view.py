@@ -45,6 +45,7 @@ def fitted():
     return finish(fit_views(VIEWS, block_points(), SETTINGS, iterations=160, count=700))
 
 
+@pytest.mark.slow
 def test_pictures_from_all_around_are_drawn_and_those_in_between_too(fitted):
     splats = fitted[1]
     seen, unseen = (np.mean([psnr(splats, v) for v in views]) for views in (VIEWS, [block_view(a + np.pi / 8) for a in (0, 2, 4)]))

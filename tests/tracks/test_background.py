@@ -22,6 +22,7 @@ def test_a_camera_that_moves_is_noticed_and_the_sentence_says_how_far(shift, sen
     assert "tripod" in found.sentence()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [{}, {"noise": 3.0}, {"shadow": True, "noise": 2.0}, {"branch": True, "noise": 2.0}, {"drift": True, "noise": 2.0}], ids=str)
 @pytest.mark.parametrize("ground", [wall, plain], ids=["patterned", "plain"])
 def test_a_still_camera_is_not_whatever_else_moves(ground, scene):
