@@ -94,6 +94,15 @@ def test_the_scene_is_asked_of_frames_that_show_it_away_from_the_object(crossed:
     assert (static_background(clip)[3:9, 9] == 125).all()
 
 
+def test_what_one_frame_alone_shows_is_taken_from_it(crossed: tuple[Occluded, Clip]) -> None:
+    """An object that steps aside in one frame of 40, of which every second is asked first."""
+    frames, labels = np.full((40, 12, 20, 3), 50, np.uint8), np.zeros((40, 12, 20), np.uint8)
+    labels[:, 3:9, 4:10], frames[:, 3:9, 4:10] = 1, 200
+    labels[7], frames[7], frames[7, 3:9, 4:10] = 0, 50, 120
+    clip = replace(crossed[1], frames=frames, labels=labels, depth=None)
+    assert (static_background(clip, edge_px=1)[3:9, 4:10] == 120).all()
+
+
 def test_no_track_is_valid_on_the_arm(crossed: tuple[Occluded, Clip]) -> None:
     scene, clip = crossed
     tracks = follow(clip, surface_depth(clip, bar_settings())[0], bar_settings())

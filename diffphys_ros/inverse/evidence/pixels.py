@@ -29,15 +29,21 @@ _ACROSS = np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]], bool)  # neighbours of a
 
 def static_background(clip: Clip, *, edge_px: int = 0) -> np.ndarray:
     """The scene without the object, uint8 (H, W, 3): the median over the frames that show it, the nearest such pixel where
-    none does. Frames that show it more than edge_px away from the object are asked before others."""
+    none does. With edge_px, what BACKGROUND_FRAMES do not show more than so far away from the object is asked of all frames, then of those that
+    show it beside the object."""
     assert clip.labels is not None
     some = slice(None, None, max(1, len(clip) // BACKGROUND_FRAMES))
-    frames, shown = clip.frames[some], clip.labels[some] == 0
+    frames, shown = clip.frames, clip.labels == 0
     if not edge_px:
-        return scene_behind(frames, shown)
+        return scene_behind(frames[some], shown[some])
     clear = ~binary_dilation(~shown, _ACROSS, edge_px)
-    beside = shown.any(0) & ~clear.any(0)
-    return np.where(beside[..., None], scene_behind(frames, shown), scene_behind(frames, clear))
+    scene = scene_behind(frames[some], clear[some] if clear[some].any() else shown[some])
+    known = clear[some].any(0)
+    for also in (clear, shown):
+        lacking = also.any(0) & ~known
+        scene = np.where(lacking[..., None], scene_behind(frames, also & lacking), scene)
+        known |= lacking
+    return scene
 
 
 def pixel_evidence(told: Told) -> Evidence | None:
