@@ -30,7 +30,7 @@ FIGURES = "figures"  # of all runs, a folder each
 def main(words: Sequence[str] | None = None) -> int:
     """Runs what is not done and writes the page; returns the exit status: 1 where a run failed, 130 where it was interrupted."""
     options = _options(words)
-    chosen = [variant for variant in VARIANTS if not options.only or variant.name in options.only]
+    chosen = _chosen(options)
     failed, stopped = 0, False
     try:
         for variant in chosen:
@@ -53,6 +53,13 @@ def _options(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", nargs="*", choices=[variant.name for variant in VARIANTS], help="these rows alone")
     parser.add_argument("--lpips", type=Path, help="folder of the weights, experiment.lpips_weights")
     return parser.parse_args(words)
+
+
+def _chosen(options: argparse.Namespace) -> list[Variant]:
+    """The rows that are named, else all that such a run has."""
+    if options.only:
+        return [variant for variant in VARIANTS if variant.name in options.only]
+    return [variant for variant in VARIANTS if variant.quick or not options.quick]
 
 
 def clips(*, quick: bool) -> tuple[str, ...]:

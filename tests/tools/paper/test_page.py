@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.inverse.prepared import LEAST_FRAMES
+from tools.paper import __main__ as command
 from tools.paper import page, rows
 from tools.paper.pictures import frozen, moving, scores, warped
 from tools.paper.rows import Row
@@ -87,3 +88,14 @@ def test_frames_that_are_frame_0_again_do_not_count() -> None:
     mask = np.ones((16, 16), bool)
     assert scores(frozen(video), video, mask)[0] < 12
     assert np.isnan(scores(frozen(still), still, mask)[0])
+
+
+def test_a_quick_run_leaves_out_what_takes_minutes_on_two_cores_and_a_named_row_is_run() -> None:
+    def asked(*words: str) -> list[Variant]:
+        return command._chosen(command._options(words))
+
+    names = [variant.name for variant in asked("--quick")]
+    assert "grid_128" not in names
+    assert {variant.table for variant in asked("--quick")} == {1, 2, 3, 4}
+    assert [variant.name for variant in asked("--quick", "--only", "grid_128")] == ["grid_128"]
+    assert asked() == list(VARIANTS)
