@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 UNSEEN = "the object is plain: its outline was followed, which does not show what moves along the line of sight, nor a force that acts along it"
+TURNS = "the surface could not be followed, for the object turns too far between two frames: its points go with the middle of its mask and do not turn"
 IN_MOTION = "the object is not at rest in frame 0: the body was built in the pose of frame {}, of which {:.1f} mm (rms) were taken off that are left to rest"
 
 
@@ -120,7 +121,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     from ..body import build_body
     from ..depth import surface_depth
     from ..outline import follow_outline
-    from ..tracks import follow, on_tripod
+    from ..tracks import LostError, OnTripod, carried, follow, on_tripod
 
     yield Progress("segment", text="object mask and parts")
     clip = label(clip, settings)
@@ -132,7 +133,14 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     by_outline = _plain(clip, settings)
     yield Progress("tracks", text="too little texture for points: following the outline" if by_outline else "following surface points")
     followed = partial(follow_outline, depth0=depth0) if by_outline else partial(follow, depth0=depth0, settings=settings)
-    held = on_tripod(clip, followed(clip), followed)
+    try:
+        held = on_tripod(clip, followed(clip), followed)
+    except LostError:
+        if by_outline or clip.depth is None or not _thrown(settings.scene):
+            raise
+        clip = replace(clip, notes=(*clip.notes, TURNS))
+        held = OnTripod(clip, carried(clip, depth0, spacing_px=settings.experiment.track_spacing_px), None)
+        yield Progress("tracks", text=TURNS)
     if held.clip is not clip:
         held = replace(held, clip=_evenly_exposed(held.clip))
         yield Progress("tracks", text=held.clip.notes[-1])
@@ -145,6 +153,11 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     else:
         held, body = _built_at_rest(held, rest, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
+
+
+def _thrown(scene: Scene) -> bool:
+    """Whether nothing holds the object, above a floor that is told."""
+    return scene.clamp_box_m is None and scene.clamp_px is None and (scene.floor_z_m is not None or scene.floor_px is not None)
 
 
 def _rest_of(tracks: Tracks, period_s: float, scene: Scene) -> Rest | None:

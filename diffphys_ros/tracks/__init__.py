@@ -1,7 +1,8 @@
 """Surface points followed through the clip and lifted to 3-D; and whether the camera stood still."""
 
 from .background import CameraMotion, camera_motion
-from .follow import follow, follow_on
+from .carried import carried
+from .follow import LostError, follow, follow_on
 from .tripod import OnTripod, on_tripod
 
-__all__ = ["CameraMotion", "OnTripod", "camera_motion", "follow", "follow_on", "on_tripod"]
+__all__ = ["CameraMotion", "LostError", "OnTripod", "camera_motion", "carried", "follow", "follow_on", "on_tripod"]

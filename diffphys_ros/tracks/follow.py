@@ -19,6 +19,10 @@ LEAST_SHARE = 0.5  # of the received frames in which a track must hold
 LARGEST_RESIDUAL = 4.0  # of a track against its surroundings over the whole clip, in medians over all tracks
 
 
+class LostError(InputError):
+    """Too few points of the surface could be followed."""
+
+
 def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     """Tracks of visible surface points (see types.Tracks).
 
@@ -32,7 +36,7 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
         settings: `tracks.*`, and `scene.thickness_axis` where the clip has no depth.
 
     Raises:
-        InputError: fewer than 8 points could be followed.
+        LostError: fewer than 8 points could be followed.
     """
     if clip.labels is None:
         raise ValueError("follow needs clip.labels; run segment.label_clip first")
@@ -41,7 +45,7 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
     pixels, points, valid, spread = _followed(clip, start, mask, depth0, settings)
     keep = valid[0] & (valid[clip.seen].mean(0) > LEAST_SHARE)
     if keep.sum() < LEAST_TRACKS:
-        raise InputError(
+        raise LostError(
             f"{clip.source or 'clip'}: {int(keep.sum())} surface points could be followed, at least {LEAST_TRACKS} are needed; "
             "film a textured object larger in the image, or raise experiment.track_round_trip_px"
         )
