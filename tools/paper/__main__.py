@@ -12,9 +12,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bags.sample import sample_folder
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
+from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.batch import Request, run_batch
 from diffphys_ros.batch.find import find_recordings
 from diffphys_ros.errors import InputError
