@@ -1,4 +1,5 @@
-"""What in a recording contradicts what a recovery takes for granted: a camera that stands, a steady clock, a frame 0 at rest."""
+"""What in a recording contradicts what a recovery takes for granted: a camera that stands, a steady clock, a frame 0 at rest, a body
+that nothing holds where nobody says what does."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from ..config import Settings
 from ..types import Body, Clip, Doubt, StartValues, Tracks
 from ..vibration.continuity import jump_after, moving_at_first, swings_off_rest
 from ..vibration.coordinates import Motion, observe
+from ..vibration.held import swings_as_a_whole
 
 if TYPE_CHECKING:
     from ..tracks import CameraMotion
@@ -21,6 +23,9 @@ def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settin
         text = "nothing holds the object and a floor is told: what it does there depends on when and where it touches, which the modes of a free body leave out"
         return (Doubt(f"{text}; tell what holds it (scene.clamp_box_m, clamp_px), or leave the floor out where it never touches", of_young=True),)
     motion = observe(body, tracks, clip.camera)
+    if not body.clamped and start.has_free_tail and swings_as_a_whole(motion, start.forced):
+        text = "the object swings as a whole about one place when no force acts, which nothing free does: something holds it, and nothing says where"
+        return (Doubt(f"{text}; tell what holds it (scene.clamp_box_m, clamp_px)", of_young=True),)
     return (*_of_clock(motion, at_rest=settings.scene.at_rest), *(_of_rest(motion, clip.period_s, start) if settings.scene.at_rest else ()))
 
 

@@ -55,8 +55,14 @@ def test_rest_that_is_told_and_untrue_is_doubted_and_none_told_is_not(filmed):
 def test_what_nothing_holds_above_a_floor_tells_no_stiffness(filmed):
     free = replace(filmed, body=replace(filmed.body, clamped=False))
     every = np.arange(FRAMES)
-    assert doubted(free, every) == ()
     (doubt,) = doubted(free, every, build({"scene.at_rest": True, "scene.floor_z_m": -1.0}))
     assert "floor" in doubt.text
     assert doubt.of_young
     assert doubted(filmed, every, build({"scene.at_rest": True, "scene.floor_z_m": -1.0})) == ()
+
+
+def test_what_nobody_says_is_held_and_swings_in_one_place_tells_no_stiffness(filmed):
+    unsaid = replace(filmed, body=replace(filmed.body, clamped=False))
+    (doubt,) = doubted(unsaid, np.arange(FRAMES))
+    assert "something holds it" in doubt.text
+    assert doubt.of_young
