@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from ..errors import SimulationError
+from ..modes.response import SLOWEST
 from ..particles import DensePoints, downsample, fill, fit_grid
 from ..simulate import ModalDamping, NodeSet, Plane, Push, Simulator, State, substeps_per_frame
 from ..types import Grid, Particles
@@ -75,6 +76,8 @@ def _apparent(prepared: Prepared, plan: Plan, particles: Particles, grid: Grid, 
     if not prepared.body.clamped or not plan.simulates:
         return 1.0, UNMEASURED, np.zeros(0)
     young = prepared.start.young
+    if np.linalg.eigvalsh(prepared.modal.elastic(young))[0] < SLOWEST**2:  # elements that nothing holds, though the body is clamped: no swing ends
+        return 1.0, UNMEASURED, np.zeros(0)
     share = motion_share(prepared.modal, young, linear_coordinates(prepared))
     try:
         found = measure_apparent(particles, grid, prepared.modal, young, share, device=device)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import torch
 from scipy.optimize import minimize_scalar
 
 from benchmarks.bars import Bar, Lattice, fitted, kinds_of
+from diffphys_ros.inverse import forward
 from diffphys_ros.inverse.apparent_stiffness import LEFT_OVER, Apparent, elastic_modes, measure_apparent, motion_share, swing_ratios, swings
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.particles import bind
@@ -118,3 +120,11 @@ def test_what_the_lattice_takes_of_a_swing_is_measured_and_given_back(modal):
         left.append(last / first)
     assert left[0] < 0.985, "the lattice must take something for this to mean anything"
     assert left[1] == pytest.approx(1.0, abs=0.15 * (1 - left[0]))
+
+
+def test_elements_that_nothing_holds_are_not_let_swing(monkeypatch, modal):
+    """A clamp that holds no element leaves a mode that takes months."""
+    loose = SimpleNamespace(body=SimpleNamespace(clamped=True), modal=replace(modal, stiffness=0 * modal.stiffness), start=SimpleNamespace(young=np.array([BAR.young])))
+    monkeypatch.setattr(forward, "measure_apparent", lambda *_, **__: pytest.fail("was measured"))
+    value, error, loss = forward._apparent(loose, SimpleNamespace(simulates=True), None, None, "cpu")
+    assert (value, error, len(loss)) == (1.0, forward.UNMEASURED, 0)
