@@ -133,7 +133,7 @@ def test_one_that_does_not_listen_is_killed_in_time():
 
 
 def test_a_killed_process_is_a_sentence_with_a_cure_and_a_crash_is_an_error():
-    with pytest.raises(SimulationError, match=r"was killed, as Linux does where memory ends; take fewer particles\.cells"):
+    with pytest.raises(SimulationError, match=r"was killed, as Linux does where memory ends; take fewer experiment\.cells"):
         run(steps(dies, signal.SIGKILL))
     with pytest.raises(RuntimeError, match="ended with status -11"):
         run(steps(dies, signal.SIGSEGV))
