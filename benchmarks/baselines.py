@@ -16,15 +16,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from clips import ROOT, this_commit
+from clips import ROOT, batched, this_commit
 from notes import RESULTS, refilled
 from scipy.optimize import brentq
 
@@ -87,9 +85,7 @@ def run(out: Path, clips: Sequence[Path], ours: Path | None, words: Sequence[str
     for method, flags in BATCHES.items():
         if method == OURS and ours is not None:
             continue
-        command = [sys.executable, "-m", "diffphys_ros", "batch", *map(str, clips), "--out", str(out / FOLDERS[method]), "--resume", *flags, *words]
-        path_env = {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-        worst = max(worst, subprocess.run(command, env=os.environ | path_env, check=False).returncode)
+        worst = max(worst, batched(clips, out / FOLDERS[method], [*flags, *words]))
     return worst
 
 

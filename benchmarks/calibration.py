@@ -26,7 +26,7 @@ from typing import Any
 
 from calibration_clips import KINDS, Maker, clips_of, confirmation_seeds, facts_of
 from calibration_table import FREE, MATERIALS, draw, kinds_in, markdown, said, table
-from clips import ROOT, this_commit
+from clips import ROOT, batched, this_commit
 from notes import RESULTS, refilled
 
 from diffphys_ros.batch import read_status
@@ -57,8 +57,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"{len(clips)} clips of {len(seeds[first - 1 :: count])} seeds", flush=True)
     if options.make_only:
         return 0
-    words = [sys.executable, "-m", "diffphys_ros", "batch", *map(str, clips), "--out", str(out / "results"), "--resume", *options.batch]
-    return subprocess.run(words, env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}, check=False).returncode
+    return batched(clips, out / "results", options.batch)
 
 
 def rows_of(out: Path, sources: str, *, clean: bool = True) -> tuple[str, list[dict[str, Any]]]:

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,13 @@ HEAD = ("clip", "young", "force cosine", "false force", "trajectory", "PSNR (fro
 SOURCE = ("device", "versions", "commit")
 
 Row = dict[str, Any]
+
+
+def batched(clips: Sequence[Path], out: Path, words: Sequence[str]) -> int:
+    """Runs this checkout's `diffphys batch` on clips, or goes on with it; returns its exit status. `words`: more of the command's."""
+    command = [sys.executable, "-m", "diffphys_ros", "batch", *map(str, clips), "--out", str(out), "--resume", *words]
+    here = {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    return subprocess.run(command, env=os.environ | here, check=False).returncode
 
 
 def rows_of(folder: Path, commit: str, sources: str) -> list[Row]:

@@ -20,7 +20,7 @@ EDGES = ("upper", "lower", "left", "right")
 def with_edge(clip: Clip, scene: Scene) -> tuple[Scene, str]:
     """The scene with a clamp where nobody tells one: along the picture's edge where the object leaves the picture, all the time, else across its
     end that meets what is still; and what was seen, one clause. With a depth topic the object stays free: what its rest is measured by may tell otherwise."""
-    if scene.clamp_box_m is not None or scene.clamp_px is not None:
+    if scene.tells_clamp:
         return scene, ""
     found = _at_edge(clip) or _at_still(clip)
     if found is None:

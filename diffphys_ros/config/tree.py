@@ -60,6 +60,16 @@ class Scene:
         length = math.hypot(*scaled) or 1.0
         return [value / length for value in scaled]
 
+    @property
+    def tells_clamp(self) -> bool:
+        """Whether it is said what holds the object."""
+        return self.clamp_box_m is not None or self.clamp_px is not None
+
+    @property
+    def tells_floor(self) -> bool:
+        """Whether it is said where a floor lies."""
+        return self.floor_z_m is not None or self.floor_px is not None
+
 
 @dataclass(frozen=True)
 class FrameSettings:

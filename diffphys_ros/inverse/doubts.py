@@ -19,7 +19,7 @@ def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settin
     """What is to be doubted, worst first; empty for a sound recording. `moved`: how the camera did, None where it stood."""
     if moved is not None:
         return (Doubt(moved.sentence(), of_young=True),)  # what else the tracks seem to say is the camera's
-    if not body.clamped and (settings.scene.floor_z_m is not None or settings.scene.floor_px is not None):
+    if not body.clamped and settings.scene.tells_floor:
         text = "nothing holds the object and a floor is told: what it does there depends on when and where it touches, which the modes of a free body leave out"
         return (Doubt(f"{text}; tell what holds it (scene.clamp_box_m, clamp_px), or leave the floor out where it never touches", of_young=True),)
     motion = observe(body, tracks, clip.camera)

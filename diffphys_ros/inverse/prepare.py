@@ -157,13 +157,12 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
 
 def _thrown(scene: Scene) -> bool:
     """Whether nothing holds the object, above a floor that is told."""
-    return scene.clamp_box_m is None and scene.clamp_px is None and (scene.floor_z_m is not None or scene.floor_px is not None)
+    return scene.tells_floor and not scene.tells_clamp
 
 
 def _rest_of(tracks: Tracks, period_s: float, scene: Scene) -> Rest | None:
     """Where an object that is held rests, if that is not told to be, and is not, the shape of frame 0; what nothing holds does not swing about any."""
-    held = scene.clamp_box_m is not None or scene.clamp_px is not None
-    return rest_of(tracks, period_s) if held and not scene.at_rest else None
+    return rest_of(tracks, period_s) if scene.tells_clamp and not scene.at_rest else None
 
 
 def _built_at_rest(held: OnTripod, rest: Rest, settings: Settings) -> tuple[OnTripod, Body]:

@@ -95,12 +95,6 @@ def swings_off_rest(q: np.ndarray, known: np.ndarray, frequency_hz: float, perio
     free = q[np.flatnonzero(keep) + 2]
     if len(free) < LEAST_TAIL_FRAMES or len(free) * period_s * frequency_hz < LEAST_PERIODS:
         return False
-    centre = _centre(matrix, rows.source[0, -1])
+    centre = rows.centre(matrix)
     far, size = float(np.linalg.norm(centre)), float(np.sqrt(((free - centre) ** 2).sum(1).mean()))
     return far > WITHOUT_REST * size and far > MOVING_SURE * noise_m
-
-
-def _centre(matrix: np.ndarray, unit: float) -> np.ndarray:
-    """The fixed point (n,) of a recursion with a constant (see support.Rows)."""
-    n = matrix.shape[1]
-    return np.linalg.lstsq((np.eye(n) - matrix[:n] - matrix[n : 2 * n]).T, unit * matrix[-1], rcond=None)[0]

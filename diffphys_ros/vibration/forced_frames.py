@@ -81,7 +81,7 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     sigma_one = float(sigma) / np.sqrt(coordinates.shape[1])
     free = _is_free(coordinates[tail:], frequencies, sigma_one, period_s) and (forced.any() or not at_rest)  # something set it moving
     free = free and _tells(_leading(matrix, coordinates[tail:]), rows.leading_sd(keep, matrix, coordinates[tail:], floor), len(coordinates) - tail)
-    return Support(forced, bool(free), frequencies, decays, sigma_one, None if at_rest else _centre(matrix, coordinates[known]))
+    return Support(forced, bool(free), frequencies, decays, sigma_one, None if at_rest else _within(rows.centre(matrix), coordinates[known]))
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,12 @@ class Rows:
             sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
             keep = self.usable & (misfit < FORCED_SIGMA * sigma)
         return matrix, misfit, keep, sigma, floor
+
+    def centre(self, matrix: np.ndarray) -> np.ndarray:
+        """The coordinates (n,) at which a recursion with a constant stays."""
+        n = matrix.shape[1]
+        still: np.ndarray = np.linalg.lstsq((np.eye(n) - matrix[:n] - matrix[n : 2 * n]).T, self.source[0, -1] * matrix[-1], rcond=None)[0]
+        return still
 
     def leading_sd(self, keep: np.ndarray, matrix: np.ndarray, tail: np.ndarray, floor: float) -> np.ndarray:
         """Standard deviations (2,) of `_leading(matrix, tail)` for a matrix fitted to the equations `keep`, by their residual per degree of
@@ -214,11 +220,9 @@ def _oscillation(matrix: np.ndarray, tail: np.ndarray, period_s: float) -> tuple
     return rate[order].imag / (2 * np.pi), -rate[order].real
 
 
-def _centre(matrix: np.ndarray, moved: np.ndarray) -> np.ndarray | None:
-    """Coordinates (n,) at which a recursion with a constant stays, of known coordinates `moved` (F, n); None where these do not lie about it."""
-    n = moved.shape[1]
-    still = np.linalg.lstsq((np.eye(n) - matrix[:n] - matrix[n : 2 * n]).T, matrix[2 * n] * np.abs(moved).max(), rcond=None)[0]
-    return still if ((moved.min(0) <= still) & (still <= moved.max(0))).all() else None
+def _within(centre: np.ndarray, moved: np.ndarray) -> np.ndarray | None:
+    """A centre (n,) about which known coordinates `moved` (F, n) lie; None where they do not."""
+    return centre if ((moved.min(0) <= centre) & (centre <= moved.max(0))).all() else None
 
 
 def _leading(matrix: np.ndarray, tail: np.ndarray) -> np.ndarray:
