@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from ..inpaint import nearest_known
+from .along import along
 
 WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a share of the root of the object's area
 LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness
@@ -38,9 +39,11 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
 
 
 def numbered(parts: np.ndarray, clamp_pixel: np.ndarray | None) -> np.ndarray:
-    """Parts renumbered 1..n, uint8 (H, W): by distance of their nearest pixel to the clamp [px]; without a clamp, largest first."""
+    """Parts renumbered 1..n, uint8 (H, W): by the way inside the object from the clamp [px] to their nearest pixel, for a hook's tip hangs nearer
+    to the clamp than its bend; without a clamp, largest first."""
     old = np.setdiff1d(np.unique(parts), 0)
-    order = sorted(old, key=lambda part: _rank(parts == part, clamp_pixel))
+    away = None if clamp_pixel is None or not len(old) else along(parts > 0, clamp_pixel)
+    order = sorted(old, key=lambda part: _rank(parts == part, clamp_pixel, away))
     table = np.zeros(256, np.uint8)
     table[order] = np.arange(1, len(order) + 1)
     return table[parts]
@@ -129,8 +132,9 @@ def _evidence(bins: np.ndarray, mask: np.ndarray, region: np.ndarray) -> np.ndar
     return cv2.GaussianBlur(likelihood, (0, 0), 1.5) / np.maximum(cv2.GaussianBlur(mask.astype(float), (0, 0), 1.5), 1e-3)
 
 
-def _rank(region: np.ndarray, clamp_pixel: np.ndarray | None) -> float:
-    if clamp_pixel is None:
-        return -float(region.sum())
+def _rank(region: np.ndarray, clamp_pixel: np.ndarray | None, away: np.ndarray | None) -> tuple[float, float]:
+    """Where a part stands in the order; what no way leads to comes last, by its distance as the crow flies."""
+    if clamp_pixel is None or away is None:
+        return -float(region.sum()), 0.0
     v, u = np.nonzero(region)
-    return float(np.hypot(u - clamp_pixel[0], v - clamp_pixel[1]).min())
+    return float(away[region].min()), float(np.hypot(u - clamp_pixel[0], v - clamp_pixel[1]).min())

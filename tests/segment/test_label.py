@@ -166,6 +166,20 @@ def test_parts_are_numbered_from_the_clamp_or_by_size() -> None:
     assert np.array_equal(numbered(parts, np.array([0.0, 10.0]))[0, [0, 15, 40]], [1, 2, 3])
 
 
+def test_the_tip_of_a_hook_comes_after_its_bend_although_it_hangs_nearer_to_the_clamp() -> None:
+    stem, bend, tip = 1, 3, 2
+    parts = np.zeros((60, 50), np.uint8)
+    parts[:50, 30:40], parts[50:, 10:40], parts[20:50, 10:20] = stem, bend, tip
+    named = numbered(parts, np.array([35.0, 0.0]))
+    assert [named[5, 35], named[55, 25], named[30, 15]] == [1, 2, 3]
+
+
+def test_a_piece_of_the_mask_that_hangs_together_with_nothing_is_numbered_last() -> None:
+    parts = np.zeros((20, 60), np.uint8)
+    parts[:, :10], parts[:, 12:20], parts[0, 9:60], parts[10:, 40:] = 2, 3, 2, 1
+    assert np.array_equal(numbered(parts, np.array([0.0, 10.0]))[15, [5, 15, 50]], [1, 2, 3])
+
+
 @pytest.mark.parametrize(("name", "parts"), [("beam_gust", 1), ("beam_two_part", 2), ("plant_poke", 2)])
 def test_the_parts_of_a_truth_scene_are_found(name: str, parts: int, scenes: Path) -> None:
     from diffphys_ros.bags.read import read_clip
