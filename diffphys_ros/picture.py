@@ -15,6 +15,7 @@ from .errors import InputError
 from .types import Camera, Clip
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
+AT_BORDER_PX = 3.0  # from the picture's border within which a clamp's line says that the clamp lies beyond it [chosen]
 
 
 def told_in_picture(clip: Clip, scene: Scene) -> Clip:
@@ -52,6 +53,12 @@ def on_plane(camera: Camera, line_px: list[float], point: np.ndarray, normal: np
     """World points (2, 3) [m] at which the rays through a line's two points u v u v [px] meet the plane through `point` across `normal`, (3,) each."""
     rays = camera.rays(np.reshape(line_px, (2, 2)).astype(float))
     return camera.position + rays * (((point - camera.position) @ normal) / (rays @ normal))[:, None]
+
+
+def along_border(line_px: list[float], shape: tuple[int, int]) -> bool:
+    """Whether a line u v u v [px] runs along the border of a picture (H, W)."""
+    line, last = np.reshape(line_px, (2, 2)), np.array(shape[::-1]) - 1.0
+    return bool(((line <= AT_BORDER_PX).all(0) | (line >= last - AT_BORDER_PX).all(0)).any())
 
 
 def side_of(line_px: list[float], pixels: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ CLIP = {"frames": "pixel T H W 3", "period_s": "positive", "depth": "?real T H W
 TRACKS = {"pixels": "gap T M 2", "points": "gap T M 3", "valid": "truth T M", "noise_m": "amount", "sd_m": "?gap T M 2", "first": "?real M 3", "normals": "?real M 3"}
 BODY = {
     "world_from_body": "real 4 4", "inside": "truth X Y", "origin": "real 2", "pitch_m": "positive", "half_thickness": "amount X Y", "part": "whole X Y",
-    "density": "positive n", "poisson": "real n", "gravity": "real 3",
+    "density": "positive n", "poisson": "real n", "gravity": "real 3", "clamp_sd_m": "?amount",
 }  # fmt: skip
 DAMPING = {"mass_damping": "real", "stiffness_damping": "real"}
 START = {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.body import build_body
+from diffphys_ros.body.leaving import BEYOND, FOUND
 from diffphys_ros.config import build, layered, leaves, parse_text
 from diffphys_ros.depth import placed, surface_depth
 from diffphys_ros.errors import InputError
@@ -83,6 +84,21 @@ def test_a_clamp_line_may_be_the_edge_of_the_picture_and_what_lies_beyond_one_is
     mask = label_clip(replace(straight, first_labels=straight.labels[0], labels=None), build(known | {"scene.clamp_px": [[u, 0], [u, 160]]}))
     assert not mask[:, :, : u - 2].any()
     assert mask[:, :, u + 2 :].any()
+
+
+def test_how_surely_a_clamp_is_known_depends_on_who_says_where_it_is() -> None:
+    """A person's hand, the end that was found to stay, or the border of the picture, beyond which it may lie."""
+    camera = camera_at((0.12, -0.6, 0.0), (0.12, 0, 0))
+    straight = replace(box_clip(bar(), [np.eye(4), turned(0.05), turned(-0.05)], camera), depth=None)
+    u = round(float(camera.project(np.array([0.0, -0.025, 0.0]))[0][0]))
+    cut = replace(straight, frames=straight.frames[:, :, u + 20 :], labels=straight.labels[:, :, u + 20 :], camera=replace(camera, width=220 - u))
+    known = {"scene.thickness_m": 0.05, "scene.size_m": 0.24}
+    found, drawn, beyond = solid(straight, known), solid(straight, known | {"scene.clamp_px": [[u, 40], [u, 120]]}), solid(cut, known)
+    pixel_m = 0.24 / np.ptp(np.flatnonzero(straight.labels[0].any(0)))
+    assert drawn.clamp_sd_m == pytest.approx(pixel_m, rel=0.1)
+    assert found.clamp_sd_m == pytest.approx(FOUND * np.hypot(0.24, 0.06), rel=0.1)
+    assert beyond.clamp_sd_m == pytest.approx(BEYOND * np.hypot(*beyond.sides_m[:2]), rel=0.1)
+    assert "the held face lies within 1.0 px of it" in drawn.sources["clamp"]
 
 
 def test_where_no_clamp_is_told_an_object_that_leaves_the_picture_or_meets_what_is_still_is_held_there_and_that_is_said() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..config import Scene
+from ..picture import along_border, extent_px
 from ..types import Clip, object_mask
 from .still_end import still_end
 
@@ -14,6 +15,9 @@ BAND = 1 / 60  # of the picture's shorter side, beside its edge, in which masks 
 LEAST_RUN_PX = 8  # along the edge, on which it leaves
 STAYS = 0.8  # of the place where it leaves in frame 0, shared with that of another frame
 MOST_FRAMES = 0.9  # of those that were received, in which it must
+DRAWN_PX = 1.0  # standard deviation of a line that a person draws [chosen]
+FOUND = 0.01  # of the object's extent, of the end that was found to stay [docs/measurements/films.md]
+BEYOND = 0.1  # of the object's extent, of a clamp that may lie beyond the picture's border [derived: .10 and .15 of two lengths in docs/measurements/films.md]
 EDGES = ("upper", "lower", "left", "right")
 
 
@@ -29,6 +33,13 @@ def with_edge(clip: Clip, scene: Scene) -> tuple[Scene, str]:
     if clip.depth is not None:
         return scene, f"taken as free, though {seen}; set scene.clamp_px where it is held"
     return replace(scene, clamp_px=line), f"not told: {seen}, where it is taken to be held; set scene.clamp_px where that is wrong"
+
+
+def line_sd_px(line_px: list[float], mask: np.ndarray, *, drawn: bool) -> float:
+    """Standard deviation [px] of how far the held face of an object (H, W) lies off its clamp's line u v u v, which a person drew or which was found."""
+    if along_border(line_px, mask.shape):
+        return BEYOND * extent_px(mask)
+    return DRAWN_PX if drawn else FOUND * extent_px(mask)
 
 
 def _at_edge(clip: Clip) -> tuple[str, list[float]] | None:

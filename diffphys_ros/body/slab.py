@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..inpaint import nearest_known
 from ..measured import scene_of
 from ..types import Body, Clip, object_mask
-from .leaving import with_edge
+from .leaving import line_sd_px, with_edge
 from .silhouette import nearest
 from .solid import Solid, solid_of
 from .view import FrontView, mask_with_depth, view_of
@@ -20,7 +20,7 @@ WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is know
 POISSON_RATIO = 0.3  # assumed where it is not known
 
 
-def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float = 0.0, soft: np.ndarray | None = None) -> Body:
+def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float | None = None, soft: np.ndarray | None = None) -> Body:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
@@ -31,7 +31,8 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
         clip: recording with label images.
         depth0: the object's surface in frame 0 [m], 0 off the object, shape (H, W).
         settings: `scene.*` and `experiment.sheet_share`.
-        behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object.
+        behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object, by who knows how surely; left out it lies on it,
+            as surely as such a line is.
         soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
 
     Raises:
@@ -39,8 +40,9 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     """
     if clip.labels is None:
         raise ValueError("build_body needs clip.labels; run segment.label_clip first")
-    scene, seen = with_edge(clip, scene_of(clip, settings.scene))
-    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px, soft)
+    told = scene_of(clip, settings.scene)
+    scene, seen = with_edge(clip, told)
+    view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px or 0.0, soft)
     solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
@@ -48,7 +50,11 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     body = _described(scene, clip, view, pose, solid, part)
     if settings.experiment.sheet_share and not scene.thickness_m:
         body = replace(body, sources=body.sources | {"thickness": "a thin sheet (experiment.sheet_share)"})
-    return replace(body, sources=body.sources | {"clamp": seen}) if seen else body
+    body = replace(body, sources=body.sources | {"clamp": seen}) if seen else body
+    if scene.clamp_px is None or behind_px is not None:
+        return body
+    sd_px = line_sd_px(scene.clamp_px, object_mask(clip.labels[0]), drawn=told.tells_clamp)
+    return replace(body, clamp_sd_m=sd_px * view.footprint_m, sources=body.sources | {"clamp": f"{body.sources['clamp']}; the held face lies within {sd_px:.1f} px of it (sd)"})
 
 
 def _parts(labels: np.ndarray, view: FrontView, inside: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ class Elements:
         grid = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
         scalar = Basis(grid, ElementTetP2(), intorder=MASS_ORDER)
         nodes, tets = scalar.doflocs.T.copy(), scalar.element_dofs.T.copy()
-        held = np.abs(nodes[:, 0]) < 1e-9 if mesh.clamped else np.zeros(len(nodes), bool)
+        held = np.abs(nodes[:, 0] - mesh.held_x_m) < 1e-9 if mesh.clamped else np.zeros(len(nodes), bool)
         if mesh.clamped and not held.any():
             raise InputError("the object does not reach its clamped plane; move scene.clamp_box_m onto the held face or correct the mask")
         free = np.flatnonzero(np.repeat(~held, 3))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -17,6 +17,7 @@ CELLS_ACROSS = 3.0  # elements across the narrowest limb, at the least: two leav
 MOST_VERTICES = 600  # in the plane [numerical]
 LAYERS = 2  # elements through the thickness [tests/elements/test_assemble.py]
 CLEARANCE = 0.62  # distance of inner points from lines, in element sizes [numerical]
+ROOT = 0.2  # of the length, that is stretched where the held face moves: several elements [numerical]
 SMOOTHING_ROUNDS = 6  # of the inner points, towards their neighbours [numerical]
 
 
@@ -27,7 +28,20 @@ class SolidMesh:
     vertices: np.ndarray  # body frame [m], shape (V, 3)
     tets: np.ndarray  # vertex numbers, shape (M, 4)
     part: np.ndarray  # 1..n, shape (M,)
-    clamped: bool  # whether the vertices at x = 0 are held
+    clamped: bool  # whether the vertices at x = held_x_m are held
+    held_x_m: float = 0.0
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume [m^3]."""
+        corners = self.vertices[self.tets]
+        return float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6)
+
+    def held_behind(self, distance_m: float) -> SolidMesh:
+        """The same with its held face so far out along -x, to which what is nearest to it is stretched: as the body goes on straight."""
+        x = self.vertices[:, 0]
+        stretched = x - distance_m * np.clip(1 - x / (ROOT * x.max()), 0, 1)
+        return replace(self, vertices=np.column_stack([stretched, self.vertices[:, 1:]]), held_x_m=self.held_x_m - distance_m)
 
 
 def solid_mesh(body: Body, size_m: float | None = None) -> SolidMesh:

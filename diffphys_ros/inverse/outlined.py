@@ -15,7 +15,7 @@ import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
-from ..picture import extent_px, length_at_unit_depth
+from ..picture import along_border, extent_px, length_at_unit_depth
 from ..progress import Progress
 from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mask
 
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
 FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree [numerical]
 ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, where nothing tells a length [numerical]
-AT_BORDER_PX = 3.0  # from the picture's border within which a clamp's line says that the clamp lies beyond it [chosen]
 BEHIND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)  # places of the clamp behind its line that are tried, over the object's length in the picture [numerical]
 INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
-LINE_PX = 1.0  # standard deviation of a line that a person draws [chosen]
 EDGE_PX = 0.5  # of an end face [chosen]
 DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03 [derived: half of the larger]
 
@@ -79,7 +77,7 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     for behind in places:
         misfits.append(trials.hung(behind))
         yield Progress("body", text=f"clamp {behind:.0f} px behind its line: E {misfits[-1].young:.4g} Pa, shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
-    behind, sd, bend = _best(places, misfits)
+    behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
     z, tracks, body, settings = trials.at(behind)
     px_per_m = clip.camera.focal_px / z
     log_sd = math.hypot(bend * sd, 0.0 if trials.depth_told else DEPTH_SD)
@@ -147,15 +145,24 @@ class _Trials:
         self.depth_told = settings.scene.thickness_m is not None
 
     def places(self) -> list[float]:
-        """Of the clamp behind its line [px]; the line itself where the clamp is in the picture."""
-        if self.line is None or not self._at_border():
+        """Of the clamp behind its line [px]; where it is in the picture the line itself, and one more that says what its place does to E."""
+        if self.line is None:
             return [0.0]
-        return [share * self.end_px for share in BEHIND]
+        return [share * self.end_px for share in (BEHIND if self._beyond() else BEHIND[:2])]
 
-    def _at_border(self) -> bool:
-        assert self.line is not None
-        last = np.array(self.mask.shape[::-1]) - 1.0
-        return bool(((self.line <= AT_BORDER_PX).all(0) | (self.line >= last - AT_BORDER_PX).all(0)).any())
+    def _beyond(self) -> bool:
+        """Whether the clamp may lie beyond the picture."""
+        line = self.settings.scene.clamp_px
+        return line is not None and along_border(line, self.mask.shape)
+
+    def best(self, places: list[float], found: list[Hung], *, drawn: bool) -> tuple[float, float, float]:
+        """Where the clamp is behind its line, the standard deviation of that [px], and by how much log10 E changes a pixel; `drawn`: by a person."""
+        from ..body import line_sd_px
+
+        if self._beyond():
+            return _best(places, found)
+        line = self.settings.scene.clamp_px
+        return (0.0, line_sd_px(line, self.mask, drawn=drawn), _slope(places, found)) if line is not None else (0.0, 0.0, 0.0)
 
     def distance(self, behind: float) -> float:
         """Of the object from the camera [m]."""
@@ -205,8 +212,6 @@ class _Trials:
 
 def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
     """The place whose shape fits best by a parabola through the best three, its standard deviation [px], and by how much log10 E changes a pixel."""
-    if len(places) == 1:
-        return places[0], LINE_PX, 0.0
     misfit = np.array([one.misfit for one in found])
     k = int(np.clip(misfit.argmin(), 1, len(places) - 2))
     x, y = np.array(places[k - 1 : k + 2]), misfit[k - 1 : k + 2]

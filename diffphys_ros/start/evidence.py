@@ -82,6 +82,10 @@ class Evidence:
         counts = [count] + [min(count, NARROW_MODES)] * len(outer)
         return modal_model(elements, [young, *(young * o for o in outer)], counts, loaded=loaded)
 
+    def seen_alike(self, *models: ModalModel) -> tuple[Projection, ...]:
+        """The observed motion as several models are compared with it."""
+        return Projection.alike(self.motion, *models)
+
     def tail(self, modal: ModalModel, support: Support) -> Tail:
         """The misfit of the frames after the last force under a modal model."""
         first = support.tail_start

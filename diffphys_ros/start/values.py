@@ -14,6 +14,7 @@ from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
 from ..vibration.thinning import find_slow_support
+from .clamp_doubt import clamp_doubt
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
@@ -60,13 +61,14 @@ def start_values(
 
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
     support, densities = supported(evidence), Densities.open(body, settings.scene)
-    finer = solid_mesh(body, FINER * element_size(body)) if tracks.normals is not None else None
-    elements = Elements.of(body, finer, apart=densities is not None)
+    mesh = solid_mesh(body, (FINER if tracks.normals is not None else 1.0) * element_size(body))
+    elements = Elements.of(body, mesh, apart=densities is not None)
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
     fit = run(stages, Fit.begun(replace(evidence, densities=densities if support.has_free_tail else None), elements, support)).tuned
     if fit.evidence.densities is not None and _explained_badly(fit):  # then the densities tell what is no free motion
         fit = run(stages, Fit.begun(evidence, elements, support)).tuned
-    return bounded(values_of(fit), fit), fit.modal
+    held_sd = clamp_doubt(fit, mesh)
+    return bounded(values_of(fit, clamp_sd=held_sd), fit, clamp_sd=held_sd), fit.modal
 
 
 def joint_wanted(start: StartValues, settings: Settings) -> bool:
@@ -100,7 +102,7 @@ def joint_values(
         f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})"
         + (f", and the motion differs from the fitted by {1e3 * missed:.2f} mm of {1e3 * moved:.2f} mm; check mask, thickness and parts." if badly else ".")
     )
-    sd = np.maximum(spread, LEAST_SD)
+    sd = np.hypot(np.maximum(spread, LEAST_SD), start.geometry_sd)
     return replace(
         start,
         **motion,
@@ -130,9 +132,9 @@ def everywhere(support: Support) -> Support:
     return replace(support, forced=np.ones_like(support.forced), has_free_tail=False)
 
 
-def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartValues:
-    """Force, spread and words for what a fit ended with; its modal model is tuned to the physics. `density_contrast` is the standard deviation
-    of ln(density) of a part where none was given."""
+def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast: float = DENSITY_CONTRAST) -> StartValues:
+    """Force, spread and words for what a fit ended with; its modal model is tuned to the physics. `clamp_sd` (n,) is the standard deviation of log10 E
+    by the clamp's place, `density_contrast` that of ln(density) of a part where none was given."""
     evidence, tail, free = fit.evidence, fit.tail, fit.support.has_free_tail
     detune = fit.physics.detune
     detuning = float(np.abs(detune).max(initial=0.0))
@@ -140,10 +142,10 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     residual = tail.missed_m(fit.physics)
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
-    geometry_sd = np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), doubt.of_young)
+    geometry_sd = np.hypot(_drawn_sd(evidence, clamp_sd), doubt.of_young)
     sd = _sd_of_tail(tail, fit.physics, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))
-    reasons = _reasons(fit, sd, residual, detuning, holds=holds)
+    reasons = _with_clamp(_reasons(fit, sd, residual, detuning, holds=holds), clamp_sd)
     return StartValues(
         **of_motion(fit),
         log10_young_sd=sd,
@@ -161,14 +163,18 @@ def values_of(fit: Fit, *, density_contrast: float = DENSITY_CONTRAST) -> StartV
     )
 
 
-def bounded(values: StartValues, fit: Fit) -> StartValues:
+def _drawn_sd(evidence: Evidence, clamp_sd: np.ndarray | float) -> np.ndarray:
+    """Standard deviation of log10 E per part by outline and clamp, (n,)."""
+    return np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), clamp_sd)
+
+
+def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0) -> StartValues:
     """With the least moduli of parts whose own are not known though the modes explain the free motion."""
     explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING * FREQUENCY_SD
     wanted = ~values.identified & explained
     if not wanted.any():
         return values
-    geometry_sd = outline_sd(fit.evidence.body, fit.evidence.tracks) / np.log(10.0)
-    lower = lower_bounds(fit.tail, fit.physics, geometry_sd, wanted)
+    lower = lower_bounds(fit.tail, fit.physics, _drawn_sd(fit.evidence, clamp_sd), wanted)
     reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
     return replace(values, young_lower=lower, reasons=tuple(reasons))
 
@@ -236,6 +242,14 @@ def _reasons(fit: Fit, sd: np.ndarray, residual: float, detuning: float, *, hold
         else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
         for s in sd
     ]
+
+
+def _with_clamp(reasons: list[tuple[bool, str]], clamp_sd: np.ndarray | float) -> list[tuple[bool, str]]:
+    """With what the clamp's place leaves open, where it is not told by a box."""
+    if not np.any(clamp_sd):
+        return reasons
+    each = np.broadcast_to(clamp_sd, len(reasons))
+    return [(open_, f"{text.removesuffix('.')}; where the held face lies leaves log10 E open by {s:.3f}.") for (open_, text), s in zip(reasons, each, strict=True)]
 
 
 def _explained_badly(fit: Fit) -> bool:

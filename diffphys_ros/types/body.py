@@ -42,6 +42,7 @@ class Body:
     gravity: np.ndarray  # body frame [m/s^2], shape (3,)
     clamped: bool  # whether the face x = 0 is held
     sources: dict[str, str] = field(default_factory=dict)  # what fixed density and metric scale, in words
+    clamp_sd_m: float = 0.0  # standard deviation of how far along x the held face lies off x = 0 [m]; 0 where a box tells it
 
     @property
     def parts(self) -> int:

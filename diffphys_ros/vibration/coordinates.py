@@ -76,11 +76,17 @@ class Projection:
     @classmethod
     def of(cls, motion: Motion, modal: ModalModel) -> Projection:
         """Projection on the span of the observed and the modal shapes."""
+        return cls.alike(motion, modal)[0]
+
+    @classmethod
+    def alike(cls, motion: Motion, *models: ModalModel) -> tuple[Projection, ...]:
+        """Of several models, on the span of all, so that what they miss can be compared."""
         count = np.sqrt(len(motion.points))
         shapes = motion.shapes.reshape(-1, motion.shapes.shape[2]) / count
-        basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
-        frame, _ = np.linalg.qr(np.column_stack([shapes, basis]))
-        return cls(motion.coordinates @ (frame.T @ shapes).T, frame.T @ basis)
+        bases = [motion.seen_basis(modal).reshape(-1, modal.modes) / count for modal in models]
+        frame, _ = np.linalg.qr(np.column_stack([shapes, *bases]))
+        data = motion.coordinates @ (frame.T @ shapes).T
+        return tuple(cls(data, frame.T @ basis) for basis in bases)
 
     @classmethod
     def of_tracks(cls, motion: Motion, modal: ModalModel) -> Projection:

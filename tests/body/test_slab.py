@@ -54,6 +54,7 @@ def test_volume_and_extents_are_true_to_a_third_of_a_pixel(clip: Clip, depth: bo
 
 def test_the_body_frame_leaves_the_clamp_and_looks_at_the_camera(usual: Body) -> None:
     assert usual.clamped
+    assert usual.clamp_sd_m == 0, "a box leaves no doubt"
     assert np.allclose(usual.world_from_body[:3, :3].T, [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
     assert np.linalg.det(usual.world_from_body[:3, :3]) == pytest.approx(1)
     assert np.allclose(usual.world_from_body[:3, 3], 0, atol=4e-4)

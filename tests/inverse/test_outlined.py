@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from diffphys_ros import config, inverse
+from diffphys_ros.body.leaving import FOUND
 from diffphys_ros.inverse import prepare
+from diffphys_ros.inverse.outlined import _Trials, outlined
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.progress import finished
 from diffphys_ros.types import Clip
@@ -51,6 +53,20 @@ def test_the_clamp_beyond_the_picture_is_found_with_the_scale(prepared: Prepared
     assert hanging.behind_px == pytest.approx(STRIP.behind_px, abs=2.0)
     assert hanging.px_per_m == pytest.approx(STRIP.px_per_m, rel=0.015)
     assert hanging.length_told
+
+
+@pytest.mark.parametrize(("line", "sd_px"), [([[0, 20], [109, 20]], 1.0), (None, FOUND * np.hypot(130, 16))])
+def test_a_clamp_in_the_picture_has_a_share_in_the_stated_sd(line: object, sd_px: float) -> None:
+    """As much as E is off where the line lies one deviation too far out."""
+    strip = Strip(frames=100, length_px=130.0, behind_px=-20.0, size=(160, 110))
+    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3], "scene.thickness_m": 0.008, "tracks.evidence": "outline"}
+    seen = finished(outlined(strip.clip(), config.layered([], told | ({"scene.clamp_px": line} if line else {}))))
+    assert seen.hanging.behind_px == 0
+    assert seen.hanging.behind_px_sd == pytest.approx(sd_px, rel=0.05)
+    trials = _Trials(seen.clip, seen.settings)
+    off = np.log10(trials.hung(sd_px).young / trials.hung(0.0).young)
+    assert seen.hanging.log10_young_sd == pytest.approx(abs(off), rel=0.25)
+    assert seen.hanging.log10_young_sd > 0.004
 
 
 def test_no_force_acts_on_a_strip_that_swings_freely(prepared: Prepared) -> None:
