@@ -15,6 +15,7 @@ from .view import FrontView
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
 THINNEST = 0.15  # of the half thickness where it does not recede: a thinner rim is left out, it carries no load; a thin strand does
 HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind the mount
+RAGGED = 0.25  # of its width: an end that is uneven by no more is one end [chosen]
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
 BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
@@ -41,7 +42,7 @@ def solid_of(view: FrontView, scene: Scene, *, sheet_share: float = 0.0) -> Soli
     if view.clamp:
         inside, short = _with_straight_root(view, inside) if view.clamp.drawn else _with_root(view, inside)
     full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else _own_half(inside, sheet_share) * view.raster.pitch_m
-    receding = np.clip(view.front - smoothed(height, inside), 0, None)
+    receding = np.zeros(inside.shape) if sheet_share else np.clip(view.front - smoothed(height, inside), 0, None)  # a sheet that recedes is bent, not thinner
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
     inside &= half > THINNEST * full
     return Solid(inside, np.where(inside, half, 0.0), view.front - float(full.max()), short * view.raster.pitch_m)
@@ -78,8 +79,8 @@ def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     rows = np.flatnonzero((inside & in_box).any(1))
     if not len(rows):
         raise InputError(f"{view.clamp.told}: nothing of the object lies straight in front of it; move it onto the held face")
-    short = int(rows[0])
-    return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + tolerance, tolerance=short + tolerance), inside), short
+    short, uneven = int(rows[0]), max(tolerance, round(RAGGED * int((inside & in_box).any(0).sum())))
+    return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + uneven, tolerance=short + uneven), inside), short
 
 
 def _with_straight_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:

@@ -149,6 +149,17 @@ def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(c
     assert "clamp" not in usual.sources
 
 
+def test_an_end_that_is_ragged_is_continued_to_the_clamp_in_all_its_width(clip: Clip, usual: Body) -> None:
+    """Eroded by a mask that sees little motion there: else a line as wide as its foremost tooth would hold the body."""
+    labels = clip.labels.copy()
+    columns = np.flatnonzero((labels[0] > 0).any(0))
+    rows = np.arange(labels.shape[1])
+    for first in range(columns[0], columns[0] + 12):
+        labels[:, (rows % 8 > 1) | (first < columns[0] + 6), first] = 0
+    body = solid(clip.with_labels(labels), bar_settings())
+    assert body.inside[0].sum() > 0.9 * usual.inside[0].sum()
+
+
 def test_a_clamp_box_beside_the_object_is_refused(clip: Clip) -> None:
     with pytest.raises(InputError, match="clamp_box_m"):
         solid(clip, bar_settings(scene__clamp_box_m=[-0.05, -0.03, 0.045, -0.01, 0.03, 0.055]))
@@ -259,6 +270,15 @@ def test_a_sheet_is_thin_and_keeps_the_gaps_between_its_strands(clip: Clip) -> N
     assert missing == pytest.approx((9 * PIXEL_M) ** 2, rel=0.3)
     speck = solid(holed(clip, 2), bar_settings(scene__thickness_m=None, experiment__sheet_share=0.02))
     assert speck.silhouette_m2 == pytest.approx(sheet.silhouette_m2 + missing, rel=0.01)
+
+
+def test_a_sheet_whose_surface_recedes_is_as_thick_and_as_wide_as_one_that_does_not(clip: Clip) -> None:
+    depth = clip.depth + 0.1 * (clip.depth > 0) * np.linspace(0, 1, clip.camera.width, dtype=np.float32)  # many times its thickness
+    level, tilted = (
+        solid(replace(clip, depth=values), bar_settings(scene__thickness_m=None, scene__clamp_box_m=None, experiment__sheet_share=0.02)) for values in (clip.depth, depth)
+    )
+    assert np.median(tilted.half_thickness[tilted.inside]) == pytest.approx(np.median(level.half_thickness[level.inside]), rel=0.1)
+    assert tilted.silhouette_m2 > 0.9 * level.silhouette_m2
 
 
 def test_a_told_thickness_is_that_of_a_sheet_too(clip: Clip) -> None:
