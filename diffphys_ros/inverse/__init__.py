@@ -11,6 +11,7 @@ from ..progress import Progress, told
 from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
 from .clock import Clock
+from .evidence.pixels import static_background
 from .frame_metrics import Judge
 from .prepare import label, prepare
 from .prepared import Prepared
@@ -68,22 +69,24 @@ def solve_prepared(
 def _solved(
     prepared: Prepared, settings: Settings, judge: Judge, splats: Splats | None, checkpoint: Checkpoint | None, clock: Clock, start_scale: float = 1.0
 ) -> Steps:
+    behind = static_background(prepared.clip, edge_px=settings.experiment.splat_edge_px)
     if splats is None or prepared.hanging is not None:  # the body hangs as in another frame
-        splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings)
-    recovery = yield from solve(prepared, splats, settings, checkpoint=checkpoint, clock=clock, start_scale=start_scale)
-    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, clock=clock)
+        splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings, behind=behind)
+    recovery = yield from solve(prepared, splats, settings, behind=behind, checkpoint=checkpoint, clock=clock, start_scale=start_scale)
+    splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)
 
 
-def fit_gaussians(clip: Clip, depth0, settings: Settings) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
-    """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]."""
+def fit_gaussians(clip: Clip, depth0, settings: Settings, *, behind=None) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
+    """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]; behind uint8 (H, W, 3): the scene without the object, None: it is
+    read from the clip where an edge shows it."""
     from ..splats import fit_splats
-    from .evidence.pixels import static_background
 
     assert clip.labels is not None
     edge_px = settings.experiment.splat_edge_px
-    behind = static_background(clip, edge_px=edge_px) if edge_px else None  # what shows through an edge
-    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device), behind=behind)
+    if behind is None and edge_px:
+        behind = static_background(clip, edge_px=edge_px)
+    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device), behind=behind if edge_px else None)
     splats = yield from told("splats", steps)
     yield Progress("splats", text=f"{len(splats.mean)} Gaussians")
     return splats

@@ -15,6 +15,7 @@ from .carried import CarriedGaussians
 from .forward import Discretisation, ForwardModel, Motion
 from .linear import footprint_load, linear_motion
 from .loss import Terms
+from .material_prior import describe_prior
 from .placement import offset_of_first
 from .posterior import Confidence
 from .prepared import Prepared
@@ -221,5 +222,5 @@ def notes(prepared: Prepared, confidence: Confidence) -> tuple[str, ...]:
     unknown = [f"part {number} is not identified: {why}" for number, (known, why) in enumerate(zip(confidence.identified, confidence.reasons, strict=True), 1) if not known]
     unknown += [] if confidence.force_identified else [f"the force is not identified: {confidence.force_reason}"]
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
-    of_prior = prepared.prior.notes if prepared.prior else ()
+    of_prior = (describe_prior(prepared.prior), *prepared.prior.notes) if prepared.prior else ()
     return (*unknown, *prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)

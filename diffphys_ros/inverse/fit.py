@@ -12,7 +12,6 @@ from torch import Tensor
 
 from ..particles import held_by
 from ..progress import ForceSoFar, Progress
-from .adam import whole_clip
 from .checkpoint import Checkpoint, First, Stored
 from .clock import Clock, OutOfTimeError
 from .descent import Descent, Space, begin, descend
@@ -114,17 +113,12 @@ def _states(model: Model, stage: Stage, space: Space, state: Descent | None, los
     yield from descend(space, lambda: model().total, state, stage.rules)
 
 
-def _by_adam(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
-    yield from whole_clip(model, space, state, material="material_field" in stage.free, iterations=stage.states)
-
-
 def _frame_by_frame(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
     yield from transitions(model, space, state)
 
 
 WAYS: dict[str, Callable[[Model, Stage, Space, Descent | None, Tensor | None], Iterator[Descent]]] = {
     "lbfgs": _states,
-    "adam": _by_adam,
     "transitions": _frame_by_frame,
 }
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..config import Scene
 from ..types import Body, Camera, MaterialPrior
 
+BELIEVED = "material by"  # how the line about a prior begins
 LEAST_SHARE = 0.015  # of the body that a part must hold
 
 
@@ -76,3 +77,9 @@ def _shares(prior: MaterialPrior, body: Body, camera: Camera) -> np.ndarray:
 def _materials(prior: MaterialPrior, body: Body, camera: Camera) -> np.ndarray:
     """The material that each piece of the body's front is seen in, (C,)."""
     return prior.at(camera, body.to_world(body.front.points))
+
+
+def describe_prior(prior: MaterialPrior) -> str:
+    """The material prior in a line for people."""
+    values = zip(prior.name, prior.young, prior.poisson, prior.density, strict=True)
+    return f"{BELIEVED} {prior.source}: " + "; ".join(f"{name}, E {e:.3g} Pa, nu {nu:.2f}, {rho:.4g} kg/m^3" for name, e, nu, rho in values)

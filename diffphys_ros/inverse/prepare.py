@@ -12,10 +12,10 @@ import numpy as np
 from ..config import Scene, Settings
 from ..errors import InputError, shown
 from ..progress import Progress, waiting
-from ..types import Body, Clip, MaterialPrior, StartValues, Swing, Tracks, object_mask
+from ..types import Body, Clip, StartValues, Swing, Tracks, object_mask
 from ..vibration.rest import Rest, rest_of
 from .law import law_to_fit
-from .material_prior import believed, of_parts, parted
+from .material_prior import believed, describe_prior, of_parts, parted
 from .outlined import outlined, with_hanging
 from .placement import at_rest, shown_at_rest
 from .prepared import LEAST_FRAMES, Prepared
@@ -183,12 +183,6 @@ def _plain(clip: Clip, settings: Settings) -> bool:
 
     wanted = settings.tracks.evidence
     return wanted == "outline" or (wanted == "auto" and plain_at_first(clip, settings))
-
-
-def describe_prior(prior: MaterialPrior) -> str:
-    """The material prior in a line for people."""
-    values = zip(prior.name, prior.young, prior.poisson, prior.density, strict=True)
-    return f"material by {prior.source}: " + "; ".join(f"{name}, E {e:.3g} Pa, nu {nu:.2f}, {rho:.4g} kg/m^3" for name, e, nu, rho in values)
 
 
 def describe_start(start: StartValues) -> str:

@@ -63,8 +63,11 @@ class Problem:
         return np.asarray(np.linalg.inv(self.hessian[np.ix_(index, index)]))
 
 
-def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, *, dtype: torch.dtype = torch.float32, start_scale: float = 1.0) -> Problem:
-    """Grid, unknowns, loss and its curvature; `dtype` of the simulation. The solver begins `start_scale` times off the start values."""
+def pose_problem(
+    prepared: Prepared, splats: Splats | None, settings: Settings, *, behind: np.ndarray | None = None, dtype: torch.dtype = torch.float32, start_scale: float = 1.0
+) -> Problem:
+    """Grid, unknowns, loss and its curvature; `dtype` of the simulation. behind uint8 (H, W, 3): the scene without the object, None: it is read from the
+    clip. The solver begins `start_scale` times off the start values."""
     clip, body, device = prepared.clip, prepared.body, usable(settings.fit.device)
     dense = _dense(prepared, splats) if settings.experiment.downsample_ratio else None
     plan = make_plan(
@@ -79,7 +82,7 @@ def pose_problem(prepared: Prepared, splats: Splats | None, settings: Settings, 
         ahead=simulated_ahead(prepared),
     )
     disc = discretise(prepared, plan, device=device, dense=dense)
-    renderer = None if splats is None else _renderer(prepared, disc, splats, settings.experiment.splat_edge_px, device)
+    renderer = None if splats is None else _renderer(prepared, disc, splats, behind, settings.experiment.splat_edge_px, device)
     return problem_on(prepared, settings, plan, disc, renderer, dtype=dtype, start_scale=start_scale)
 
 
@@ -130,8 +133,9 @@ def _concentration(prepared: Prepared) -> float:
     return float(np.linalg.norm(prepared.modal.footprint_load()) / np.linalg.norm(footprint_load(prepared)))
 
 
-def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, edge_px: int, device: str) -> CarriedGaussians:
-    clip, particles, behind = prepared.clip, disc.particles.x_rest, static_background(prepared.clip, edge_px=edge_px)
+def _renderer(prepared: Prepared, disc: Discretisation, splats: Splats, behind: np.ndarray | None, edge_px: int, device: str) -> CarriedGaussians:
+    clip, particles = prepared.clip, disc.particles.x_rest
+    behind = static_background(clip, edge_px=edge_px) if behind is None else behind
     places = in_body_pose(prepared.tracks, splats.mean.astype(float))
     return CarriedGaussians.of(splats, particles, clip.camera, behind, world_from_particles=prepared.body.world_from_body, places=places, device=device)
 

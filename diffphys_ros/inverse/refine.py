@@ -24,11 +24,11 @@ PASSES = 2  # over the frames, at least
 
 
 def refine_gaussians(
-    prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, *, clock: Clock | None = None
+    prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, *, behind: np.ndarray | None = None, clock: Clock | None = None
 ) -> Generator[Progress, None, tuple[Splats, Recovery]]:
     """Gaussians fitted on to experiment.refine_frames frames of the clip, and the recovery with frames and image metrics of these; all
     else in it stays. They are kept only where the frames that were not fitted are nearer to the video than before (all frames, where
-    none was left out). Yields news."""
+    none was left out). behind uint8 (H, W, 3): the scene without the object, None: it is read from the clip. Yields news."""
     clip, device = prepared.clip, usable(settings.fit.device)
     if clock is not None and not clock.allows_refinement():
         said = f"Gaussians of frame 0 kept: the time budget of {clock.limit_s:.0f} s is spent"
@@ -38,7 +38,7 @@ def refine_gaussians(
     if recovery.frames is None or not len(chosen):
         return splats, recovery
     assert clip.labels is not None
-    x, background = recovery.trajectory, static_background(clip)
+    x, background = recovery.trajectory, static_background(clip) if behind is None else behind
     carried = riding(splats, recovery, clip, background, device=device)
     views = [View(clip.frames[k], clip.camera, clip.labels[k], background, carried.motion(x[k], x[0])) for k in chosen]
     steps = max(LEAST_STEPS, PASSES * len(views))

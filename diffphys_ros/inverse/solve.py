@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from ..config import Settings
@@ -26,9 +27,17 @@ from .zones import divided, in_parts, zones_of
 
 
 def solve(
-    prepared: Prepared, splats: Splats | None, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None, start_scale: float = 1.0
+    prepared: Prepared,
+    splats: Splats | None,
+    settings: Settings,
+    *,
+    behind: np.ndarray | None = None,
+    checkpoint: Checkpoint | None = None,
+    clock: Clock | None = None,
+    start_scale: float = 1.0,
 ) -> Generator[Progress, None, Recovery]:
-    """Joint fit over material and force, begun `start_scale` times off the start values. Yields news, returns the Recovery; to stop
+    """Joint fit over material and force, begun `start_scale` times off the start values. behind uint8 (H, W, 3): the scene without the object, None:
+    it is read from the clip. Yields news, returns the Recovery; to stop
     iterating is to cancel. Where the clock stops it, the best answer so far is returned, and says so."""
     checkpoint, clock = checkpoint or Checkpoint(None), clock or Clock()
     checkpoint.bind(prepared.clip, settings, begun=start_scale)
@@ -39,7 +48,7 @@ def solve(
     zones = None if settings.experiment.published else (yield from zones_of(prepared, settings))
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(usable(settings.fit.device))
-    problem = pose_problem(divided(prepared, zones), splats, settings, start_scale=start_scale)
+    problem = pose_problem(divided(prepared, zones), splats, settings, behind=behind, start_scale=start_scale)
     yield Progress("plan", text=_described(problem))
     model = Model(problem)
     if checkpoint.first is None:

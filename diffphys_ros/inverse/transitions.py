@@ -14,7 +14,6 @@ from torch import Tensor
 
 from ..errors import SimulationError
 from ..fields import NodeForce
-from .adam import plain_descent
 from .descent import Descent, Rules, Space, begin, descend
 from .model import Model
 from .unknowns import Unknowns
@@ -103,6 +102,13 @@ class Walk:
         picture = self.term.of_frames(np.array([frame + 1]), state.x[None], self.start.x, (state.F @ self.upright)[None], block_px=block_px)
         before = self.field.decoded(self.field.features[frame - 1 : frame].detach()) if frame else force[:0]
         return self.experiment.image_weight * picture + self.experiment.force_smoothness * self.model.smoothness(torch.cat([before, force]) / self.unit)
+
+
+def plain_descent(at: np.ndarray, value: float, iteration: int) -> Descent:
+    """A state that remembers no steps."""
+    at = at.astype(np.float32)
+    none = np.zeros((0, len(at)), np.float32)
+    return Descent(at, value, np.zeros_like(at), none, none, iteration)
 
 
 def held_share(drag: float) -> float:

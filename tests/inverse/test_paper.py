@@ -118,6 +118,16 @@ def test_frame_by_frame_lowers_the_loss_of_pictures_alone(problem: Problem) -> N
     np.testing.assert_array_equal(model.material(model.x).young.detach(), model.start.young)  # which the material had no part in
 
 
+def test_over_the_whole_clip_the_loss_is_lowered_on_from_where_frame_by_frame_ended(filmed: Prepared) -> None:
+    """Not by Adam: its steps of one size found nothing lower in 40 iterations."""
+    problem = posed(filmed, experiment__transition_iterations=4, experiment__field_iterations=8)
+    model, stages = Model(problem), schedule(problem)
+    fitted = drive(fit(model, stages, checkpoint=Checkpoint(None), clock=Clock()))[1]
+    losses = fitted.losses["fields"]
+    assert len(losses) <= 8
+    assert losses[-1] < 0.9 * losses[0]
+
+
 def test_the_file_runs_end_to_end_and_claims_no_stiffness(filmed: Prepared, recovery) -> None:
     assert recovery.simulation.engine == "mpm"
     assert not recovery.identified.any()
@@ -138,6 +148,13 @@ def test_a_motion_by_forces_on_nodes_is_had_again_from_the_result_to_the_bit(fil
 def test_what_is_held_leaves_force_only_or_material_only(filmed: Prepared, held: str, free: tuple[str, ...]) -> None:
     problem = posed(filmed, fit__hold=["density", "damping", held])
     assert {stage.free for stage in schedule(problem)} == {free}
+
+
+def test_the_scene_behind_is_read_from_the_clip_where_it_is_not_given(filmed: Prepared, problem: Problem) -> None:
+    asked, given = settings(), np.full((120, 160, 3), 51, np.uint8)
+    told = pose_problem(as_published(filmed, asked), speckled(), asked, behind=given)
+    assert (told.renderer.background == 0.2).all()
+    assert float(problem.renderer.background[0, 0, 0]) == pytest.approx(90 / 255)
 
 
 def test_the_force_is_sought_on_a_body_as_soft_as_the_prior_allows(filmed: Prepared) -> None:
@@ -204,7 +221,7 @@ def test_what_cannot_be_asked_for_is_refused(filmed: Prepared) -> None:
 def test_planes_over_x_y_and_time_are_sought_over_the_whole_clip(filmed: Prepared) -> None:
     problem = posed(filmed, fit__force_field="planes", experiment__field_iterations=2)
     model, stages = Model(problem), schedule(problem)
-    assert {stage.way for stage in stages} == {"adam"}
+    assert {stage.way for stage in stages} == {"lbfgs"}
     fitted = drive(fit(model, stages, checkpoint=Checkpoint(None), clock=Clock()))[1]
     assert np.isfinite(fitted.value)
 

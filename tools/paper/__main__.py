@@ -16,7 +16,7 @@ from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.batch import Request, run_batch
-from diffphys_ros.batch.find import find_recordings
+from diffphys_ros.batch.find import Recording, find_recordings
 from diffphys_ros.errors import InputError
 from diffphys_ros.metrics.lpips import Lpips
 
@@ -101,12 +101,14 @@ def _configs(variant: Variant) -> tuple[Path, ...]:
 def _written(chosen: Sequence[Variant], options: argparse.Namespace) -> Path:
     """Rows merged, figures drawn, the page; returns its path."""
     measure = Lpips.of(options.lpips) if options.lpips else None
-    found: list[rows.Row] = []
+    stored, found = rows.read(options.out / "rows.json"), []
     for recording in find_recordings(clips(quick=options.quick), out=options.out):
         settings = config.layered([recording.given] if recording.given else [])
         clip = read_clip(recording.path, settings)
         run = rows.Run(recording.name.rsplit("-", 1)[0], options.device, quick=options.quick)
         found += rows.without_physics(clip.frames, run, lpips=measure)
+        if not any(row.key == (run.clip, rows.ORACLE, run.device, run.quick) for row in stored):
+            found.append(rows.of_oracle(clip, _published(recording, options), run, lpips=measure))
         for variant in chosen:
             folder = folder_of(variant, options) / recording.name
             row = rows.of_recovery(folder, clip.frames, run, variant=variant.name, truth=recording.truth, lpips=measure, scored=variant.scored)
@@ -115,6 +117,12 @@ def _written(chosen: Sequence[Variant], options: argparse.Namespace) -> Path:
                 recovery = result.load(folder)
                 draw_all(options.out / FIGURES / f"{run.clip}, {variant.name}, {folder.parent.parent.name}", recovery, clip.part(0, len(recovery.trajectory)))
     return page.write(options.out / "paper.html", rows.merged(options.out / "rows.json", found), drawn(options.out / FIGURES))
+
+
+def _published(recording: Recording, options: argparse.Namespace) -> config.Settings:
+    """What the row `paper` recovers a recording with."""
+    words = VARIANTS[0].settings(device=options.device, quick=options.quick)
+    return config.layered([CONFIG, *([recording.given] if recording.given else [])], config.flags_of([f"--{name}={value}" for name, value in words.items()]))
 
 
 if __name__ == "__main__":

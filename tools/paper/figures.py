@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from scipy.spatial import cKDTree
 
 from diffphys_ros.colours import stiffness_range
+from diffphys_ros.inverse.material_prior import BELIEVED
 from diffphys_ros.types import Clip, Recovery
 
 from .pictures import moving
@@ -20,7 +21,7 @@ from .rows import young_moved_with
 TIMES, ARROWS, ARROW_SHARE, DPI = 4, 60, 0.25, 80  # arrows a frame; the longest's share of the object's size
 VIEWS = ((0.0, 0.0), (0.0, 60.0), (60.0, 20.0))  # elevation and azimuth [deg] from the camera's side
 DIFFERENCE_GAIN = 4
-TITLES = {"force": "Figure 1. Force", "material": "Figure 3. Material", "slices": "Figures 4 and 5. Slices through space and time", "parts": "Figure A.2. Parts"}
+TITLES = {"force": "Figures 1 and 3. Force", "material": "Figures 1 and 4. Material", "slices": "Figure 5. Slices through space and time", "parts": "Figure A.2. Parts"}
 WORDS_WIDTH = 120  # characters a line
 
 
@@ -77,12 +78,16 @@ def material(recovery: Recovery, clip: Clip) -> Figure:
 
 
 def slices(rendered: np.ndarray, video: np.ndarray) -> Figure:
-    """The image row that moves most over time: video, ours, their difference."""
+    """The image row that moves most, marked on frame 0, and over time: video, ours, their difference."""
     row = int(moving(video).sum(1).argmax())
     difference = np.clip(np.abs(video[:, row].astype(int) - rendered[:, row]) * DIFFERENCE_GAIN, 0, 255).astype(np.uint8)
     figure = Figure(figsize=(13, 3.2), layout="constrained")
+    first, *others = figure.subplots(1, 4)
+    first.imshow(video[0])
+    first.axhline(row, color="red")
+    first.set(xticks=[], yticks=[], title="frame 0")
     titles = ("video", "ours", f"difference, {DIFFERENCE_GAIN} times")
-    for axes, title, image in zip(figure.subplots(1, 3), titles, (video[:, row], rendered[:, row], difference), strict=True):
+    for axes, title, image in zip(others, titles, (video[:, row], rendered[:, row], difference), strict=True):
         axes.imshow(image, aspect="auto", interpolation="nearest")
         axes.set(title=title, xlabel=f"column of row {row} [px]", ylabel="frame")
     return figure
@@ -94,7 +99,7 @@ def parts(recovery: Recovery, clip: Clip) -> Figure:
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     axes.imshow(clip.frames[0])
-    words: list[str] = []
+    words = [note for note in recovery.notes if note.startswith(BELIEVED)]
     for number, reason in enumerate(recovery.reasons, 1):
         here = pixels[recovery.part == number]
         if not len(here):

@@ -13,11 +13,16 @@ from scipy.spatial import cKDTree
 
 from diffphys_ros import result, store
 from diffphys_ros.batch import read_status
+from diffphys_ros.config import Settings
+from diffphys_ros.errors import InputError
 from diffphys_ros.metrics.lpips import Lpips
-from diffphys_ros.types import MpmProblem, Recovery
+from diffphys_ros.types import Clip, MpmProblem, Recovery
 
+from .oracle import moved_freely
 from .pictures import frozen, moving, scores, warped
 from .variants import QUICK
+
+ORACLE = "Gaussians moved by free flow"
 
 
 class Run(NamedTuple):
@@ -71,6 +76,17 @@ def without_physics(video: np.ndarray, run: Run, *, lpips: Lpips | None = None) 
     shown = video[: int(QUICK["frames.fit"])] if run.quick else video
     made = {"frozen first frame": frozen(shown), "flow warp of frame 0": warped(shown)}
     return [_scored(Row(run.clip, name, run.device, run.quick), frames, video, lpips) for name, frames in made.items()]
+
+
+def of_oracle(clip: Clip, settings: Settings, run: Run, *, lpips: Lpips | None = None) -> Row:
+    """The row of Gaussians that no physics moves, over the frames that a run of this length fits."""
+    shown = clip.part(0, min(len(clip), int(QUICK["frames.fit"]))) if run.quick else clip
+    row = Row(run.clip, ORACLE, run.device, run.quick)
+    try:
+        frames = moved_freely(shown, settings)
+    except InputError as error:
+        return replace(row, why=str(error))
+    return _scored(row, frames, clip.frames, lpips)
 
 
 def young_errors(recovery: Recovery, truth: Path) -> tuple[float | None, ...]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from .rows import Row
+from .rows import ORACLE, Row
 
 HEAD = ("clip", "row", "PSNR [dB]", "SSIM", "LPIPS", "time [s]", "memory [MB]", "device")
 IN_TABLE = {
-    1: ("Quality", ("paper", "default", "frozen first frame", "flow warp of frame 0")),
+    1: ("Quality", ("paper", "default", ORACLE, "frozen first frame", "flow warp of frame 0")),
     2: ("Joint, force only, material only", ("paper", "force_only", "material_only")),
     3: ("k-nearest-neighbour ratio, first frames of the clip", ("ratio_0.01", "ratio_0.02")),
     4: ("Grid, first frames of the clip", ("grid_32", "grid_64", "grid_128")),
@@ -27,7 +27,7 @@ def table(number: int, rows: Sequence[Row]) -> str:
     """One of the paper's tables: measured rows, then those that the paper prints."""
     title, names = IN_TABLE[number]
     lines = [_measured(row) for row in rows if row.variant in names]
-    lines += [[clip, f"{name} (printed)", *map(_number, figures), *[""] * (6 - len(figures))] for clip, name, *figures in PRINTED[number]]
+    lines += [[clip, f"{name} (printed)", _number(psnr, 2), *map(_number, others), *[""] * (5 - len(others))] for clip, name, psnr, *others in PRINTED[number]]
     return _html(f"Table {number}. {title}", HEAD, lines)
 
 

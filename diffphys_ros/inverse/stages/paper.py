@@ -5,6 +5,7 @@ from __future__ import annotations
 from ...errors import InputError
 from ..descent import Rules
 from ..problem import Problem
+from .fields import MEMORY
 from .stage import Stage
 
 
@@ -13,7 +14,8 @@ def paper(problem: Problem) -> list[Stage]:
     InputError where it names both, or no pictures count."""
     if not problem.plan.simulates:
         return []
-    experiment, held, rules = problem.settings.experiment, problem.layout.held, Rules(patience=None)
+    experiment, held = problem.settings.experiment, problem.layout.held
+    frame_by_frame, whole_clip = Rules(patience=None), Rules(memory=MEMORY)  # which ends where nothing is gained any more
     if {"young", "force"} <= held:
         raise InputError("fit.hold holds young and force, with the schedule paper one of them must be sought; leave one out")
     if "pixels" not in problem.objective.evidence:
@@ -22,8 +24,8 @@ def paper(problem: Problem) -> list[Stage]:
     material: tuple[str, ...] = () if "young" in held else ("material_field",)
     found = []
     if force and experiment.transition_iterations and problem.settings.fit.force_field == "voxels":
-        found.append(Stage("frames", force, len(problem.prepared.clip) - 1, rules, fields=True, way="transitions"))
+        found.append(Stage("frames", force, len(problem.prepared.clip) - 1, frame_by_frame, fields=True, way="transitions"))
     warm_up = round(experiment.warm_up_share * experiment.field_iterations) if force and material else 0
     if warm_up:
-        found.append(Stage("fields", force, warm_up, rules, fields=True, way="adam"))
-    return [*found, Stage("fields", (*force, *material), experiment.field_iterations - warm_up, rules, fields=True, way="adam")]
+        found.append(Stage("fields", force, warm_up, whole_clip, fields=True))
+    return [*found, Stage("fields", (*force, *material), experiment.field_iterations - warm_up, whole_clip, fields=True)]

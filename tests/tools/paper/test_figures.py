@@ -28,12 +28,13 @@ def test_arrows_point_where_the_force_pushes_in_the_picture(made_recovery: Recov
 
 
 def test_the_slice_is_taken_where_most_pixels_move(made_clip: Clip) -> None:
-    video, ours, difference = figures.slices(made_clip.frames, made_clip.frames).findobj(AxesImage)
+    frame, video, ours, difference = figures.slices(made_clip.frames, made_clip.frames).findobj(AxesImage)
     moved = moving(made_clip.frames).sum(1)
     rows = [k for k in range(made_clip.frames.shape[1]) if np.array_equal(video.get_array(), made_clip.frames[:, k])]
     assert moved[rows].max() == moved.max() > 0
     assert np.array_equal(video.get_array(), ours.get_array())
     assert not np.any(difference.get_array())
+    assert np.array_equal(frame.get_array(), made_clip.frames[0])
 
 
 def test_every_part_has_a_box_about_its_own_particles(made_recovery: Recovery, made_clip: Clip) -> None:
@@ -50,5 +51,5 @@ def test_the_page_shows_the_figures_of_every_run(made_recovery: Recovery, made_c
     for run in ("sample, paper", "sample, default"):
         figures.draw_all(tmp_path / run, made_recovery, made_clip)
     titles = [title for title, _ in figures.drawn(tmp_path)]
-    assert titles[:2] == ["Figure 1. Force: sample, default", "Figure 1. Force: sample, paper"]
+    assert titles[:2] == ["Figures 1 and 3. Force: sample, default", "Figures 1 and 3. Force: sample, paper"]
     assert len(titles) == 2 * (4 if made_recovery.frames is not None else 3)
