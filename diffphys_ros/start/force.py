@@ -69,6 +69,7 @@ class ForceProblem:
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
+    least_drop: float = GAUSSIAN_DROP  # sigma^2 a frame by which a local footprint must lower the cost at least
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -167,7 +168,7 @@ class ForceProblem:
     def best_footprint(self, physics: Physics) -> Footprint:
         """Uniform, or a Gaussian footprint where that explains the motion clearly better."""
         uniform = self.solve(physics, self.uniform_load).cost
-        needed = min(GAUSSIAN_GAIN * uniform, uniform - GAUSSIAN_DROP * self.known.sum())
+        needed = min(GAUSSIAN_GAIN * uniform, uniform - self.least_drop * self.known.sum())
         low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
         length = (high - low).max()
 
