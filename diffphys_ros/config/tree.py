@@ -216,7 +216,7 @@ class Experiment:
     track_window_px: int = setting(15, "side of the window that is matched", unit="px", low=5, high=63)
     track_round_trip_px: float = setting(0.4, "largest forward-backward error of a track", unit="px", low=0.01, high=10.0)
     mode_count: int = setting(8, "eigenmodes kept for the start values", low=1, high=40)
-    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess; linear: by eigenmodes alone, without simulation, in seconds, for small motions; paper: the published one, for config/paper.yaml")
+    schedule: str = setting("auto", "auto: modes where the clip has a free tail, else joint from a guess, and where neither explains the motion fields that carry the video; linear: by eigenmodes alone, without simulation, in seconds, for small motions; paper: the published one, for config/paper.yaml")
     force_frame: str = setting("rest", "where a force field is asked; rest: at rest positions, so that it moves with the body; current: where each particle is when the frame starts, so that it stays in space; nodes: at the nodes of the simulator's grid, on which it acts (paper Eq. 9), with the schedule paper", choices=("rest", "current", "nodes"))
     field_iterations: int = setting(40, "iterations for fields that are more than constants per part and vectors per frame: of L-BFGS over the whole clip, fewer with the schedule paper where nothing is gained any more", low=1, high=100_000)
     material_nodes: int = setting(24, "nodes of the planes of a material field along the body's longest side (paper Eq. 8)", low=2, high=512)

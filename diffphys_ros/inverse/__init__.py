@@ -7,12 +7,14 @@ from pathlib import Path
 
 from ..config import Settings
 from ..devices import usable
-from ..progress import Progress, told
+from ..progress import Progress
 from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
 from .clock import Clock
 from .evidence.pixels import static_background
+from .explaining import calls_for_fields, carried, may_carry, modes_miss, shortened
 from .frame_metrics import Judge
+from .gaussians import fit_gaussians
 from .prepare import label, prepare
 from .prepared import Prepared
 from .refine import refine_gaussians
@@ -72,21 +74,10 @@ def _solved(
     behind = static_background(prepared.clip, edge_px=settings.experiment.splat_edge_px)
     if splats is None or prepared.hanging is not None:  # the body hangs as in another frame
         splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings, behind=behind)
-    recovery = yield from solve(prepared, splats, settings, behind=behind, checkpoint=checkpoint, clock=clock, start_scale=start_scale)
+    may = may_carry(prepared, settings)
+    first, ends = shortened(settings, clock) if may and modes_miss(prepared) else (settings, clock)
+    recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
+    if may and calls_for_fields(prepared, recovery):
+        prepared, splats, recovery, behind = yield from carried(prepared, splats, recovery, behind, settings, clock)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)
-
-
-def fit_gaussians(clip: Clip, depth0, settings: Settings, *, behind=None) -> Generator[Progress, None, Splats]:  # type: ignore[no-untyped-def]
-    """Static Gaussians of frame 0 (paper section 3.2); depth0 (H, W) [m]; behind uint8 (H, W, 3): the scene without the object, None: it is
-    read from the clip where an edge shows it."""
-    from ..splats import fit_splats
-
-    assert clip.labels is not None
-    edge_px = settings.experiment.splat_edge_px
-    if behind is None and edge_px:
-        behind = static_background(clip, edge_px=edge_px)
-    steps = fit_splats(clip.frames[0], clip.labels[0], depth0, clip.camera, settings, device=usable(settings.fit.device), behind=behind if edge_px else None)
-    splats = yield from told("splats", steps)
-    yield Progress("splats", text=f"{len(splats.mean)} Gaussians")
-    return splats

@@ -8,16 +8,21 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..start.values import explained_badly
 from ..types import Recovery
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
 from .evidence import Moved
 from .fit import Fitted
 from .loss import Terms
+from .observed import displacement_scale
 from .posterior import Confidence, Explained, of_answer
+from .prepared import Prepared
 from .problem import Problem
 from .published import unidentified
 from .second_reading import as_start
+
+STILL = "no motion that was found shows the clip better than its first frame: the answer stands still."
 
 
 @dataclass(frozen=True)
@@ -71,16 +76,44 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
         metrics["outline"] = asdict(hanging)
     if terms is not None and fitted.model.material is not None:
         metrics["fields"] = _of_fields(fitted, terms)
-    found = assemble(
-        problem.prepared,
-        problem.disc,
-        best.core,
-        problem.renderer,
-        confidence=_confidence(problem, best),
-        substeps=problem.forward.simulator.substeps,
-        metrics=metrics,
-    )
-    return replace(found, notes=(*found.notes, *filter(None, dict.fromkeys((metrics["not_simulated"], clock.stopped)))))
+    confidence = _confidence(problem, best)
+    found = _assembled(problem, best, confidence, metrics)
+    said = dict.fromkeys((metrics["not_simulated"], clock.stopped))
+    if worse_than_still(found, problem.prepared):
+        still = _still(problem)
+        stands = _assembled(problem, still, confidence, metrics | {"refined": False, "misfit": still.misfit, "track_rms_m": still.track_rms_m})
+        if _psnr(stands) > _psnr(found):
+            found, said = stands, {**said, STILL: None}
+    return replace(found, notes=(*found.notes, *filter(None, said)))
+
+
+def _assembled(problem: Problem, best: Candidate, confidence: Confidence, metrics: dict[str, Any]) -> Recovery:
+    return assemble(problem.prepared, problem.disc, best.core, problem.renderer, confidence=confidence, substeps=problem.forward.simulator.substeps, metrics=metrics)
+
+
+def unexplained(prepared: Prepared, recovery: Recovery) -> bool:
+    """Whether an answer tells no stiffness and misses much of the motion."""
+    missed = np.sqrt(3) * float(recovery.metrics["track_rms_m"])  # type: ignore[arg-type]
+    return not recovery.identified.any() and explained_badly(missed, prepared.tracks.noise_m, displacement_scale(prepared.tracks))
+
+
+def worse_than_still(recovery: Recovery, prepared: Prepared) -> bool:
+    """Whether an answer that explains little shows the video worse than its first frame does."""
+    if recovery.frames is None or not unexplained(prepared, recovery):
+        return False
+    return _psnr(recovery) < float(recovery.metrics["psnr_masked_frozen_frame"])  # type: ignore[arg-type]
+
+
+def _psnr(recovery: Recovery) -> float:
+    return float(recovery.metrics["psnr_masked"])  # type: ignore[arg-type]
+
+
+def _still(problem: Problem) -> Candidate:
+    """The body as it is in frame 0, without a force."""
+    start = problem.prepared.start
+    none = np.zeros_like(start.initial_displacement)
+    silent = replace(start, force=np.zeros_like(start.force), initial_displacement=none, initial_velocity=none)
+    return _candidate(problem, linear_answer(replace(problem.prepared, start=silent), problem.disc))
 
 
 def _linear(fitted: Fitted) -> Candidate:

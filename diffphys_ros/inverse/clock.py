@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+SLICED = 0.9  # of the time left that is dealt out: what is begun in a slice ends after it [numerical]
 FIT_END, REFINE_END = 0.8, 0.9  # shares of the time after which neither search nor training, and then no Gaussians, go on: files are still to be written
 
 
@@ -19,6 +20,16 @@ class Clock:
     def __init__(self, limit_s: float = np.inf) -> None:
         self.limit_s, self._began = limit_s, time.monotonic()
         self.stopped = ""  # what it stopped, one sentence
+
+    def within(self, share: float) -> Clock:
+        """One that began with it, for a share of its time."""
+        part = Clock(share * self.limit_s)
+        part._began = self._began
+        return part
+
+    def slice_end_s(self, pieces: int) -> float:
+        """When the first of so many pieces of what is left for search and training must end, all of which are as long [s since the start]."""
+        return self.spent_s + SLICED * max(FIT_END * self.limit_s - self.spent_s, 0.0) / pieces
 
     @property
     def spent_s(self) -> float:

@@ -83,7 +83,7 @@ def _stage(fitted: Fitted, stages: list[Stage], number: int, state: Descent | No
         space.assign(state.at)
     try:
         loss = (yield from _entered(model, stage)) if state is None and stage.way == "lbfgs" else None
-        for here in islice(WAYS[stage.way](model, stage, space, state, loss), max(until - len(losses), 0)):
+        for here in islice(WAYS[stage.way](model, stage, space, state, loss, clock), max(until - len(losses), 0)):
             state = here
             losses.append(state.value)
             fitted.value = state.value
@@ -104,7 +104,7 @@ def _stage(fitted: Fitted, stages: list[Stage], number: int, state: Descent | No
         yield Progress(stage.name, text=clock.stopped)
 
 
-def _states(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
+def _states(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None, clock: Clock) -> Iterator[Descent]:
     """The state that a stage begins with, where that is new, and those after it; none is begun that is not asked for."""
     if state is None:
         assert loss is not None
@@ -113,11 +113,11 @@ def _states(model: Model, stage: Stage, space: Space, state: Descent | None, los
     yield from descend(space, lambda: model().total, state, stage.rules)
 
 
-def _frame_by_frame(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None) -> Iterator[Descent]:
-    yield from transitions(model, space, state)
+def _frame_by_frame(model: Model, stage: Stage, space: Space, state: Descent | None, loss: Tensor | None, clock: Clock) -> Iterator[Descent]:
+    yield from transitions(model, space, state, clock)
 
 
-WAYS: dict[str, Callable[[Model, Stage, Space, Descent | None, Tensor | None], Iterator[Descent]]] = {
+WAYS: dict[str, Callable[[Model, Stage, Space, Descent | None, Tensor | None, Clock], Iterator[Descent]]] = {
     "lbfgs": _states,
     "transitions": _frame_by_frame,
 }

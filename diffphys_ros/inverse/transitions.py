@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator
 from functools import partial
 from itertools import islice
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from ..errors import SimulationError
 from ..fields import NodeForce
+from .clock import Clock
 from .descent import Descent, Rules, Space, begin, descend
 from .model import Model
 from .unknowns import Unknowns
@@ -22,10 +22,10 @@ RULES = Rules(memory=20, patience=None)  # of the search for a frame's force: st
 COARSE_SHARE = 1 / 3  # of its iterations, in which pictures are compared in blocks [chosen]
 
 
-def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[Descent]:
-    """A state for each frame whose force is found; those that `begun` counts are kept. The force of a frame is judged by the next picture:
+def transitions(model: Model, space: Space, begun: Descent | None, clock: Clock) -> Iterator[Descent]:
+    """A state for each frame whose force is found; those that `begun` counts are kept. Each frame has an equal share of the clock's time. The force of a frame is judged by the next picture:
     the velocity that it leaves must be answered by the next force, which experiment.frame_drag lets fade from frame to frame."""
-    walk = Walk(model)
+    walk = Walk(model, clock)
     first, values = (0, 0.0) if begun is None else (begun.iteration, begun.value * begun.iteration)
     for frame in range(walk.frames):
         if frame >= first:
@@ -41,7 +41,8 @@ def transitions(model: Model, space: Space, begun: Descent | None) -> Iterator[D
 class Walk:
     """Material points on their way through the clip, and what pushes them there."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, clock: Clock) -> None:
+        self.clock = clock
         problem, forward = model.problem, model.problem.forward
         assert isinstance(model.force, NodeForce)
         assert model.material is not None
@@ -60,22 +61,27 @@ class Walk:
     def seek(self, frame: int) -> float:
         """Give the features of a frame the values that show the next picture best; their loss."""
         features = self.field.features
+        end_s = self.clock.slice_end_s(self.frames - frame)
         sought = self._guess(frame).requires_grad_(True)
         coarse = round(COARSE_SHARE * self.experiment.transition_iterations) if self.experiment.coarse_px > 1 else 0
         if coarse:
-            self._lower(sought, frame, self.experiment.coarse_px, coarse)
-        value = self._lower(sought, frame, 1, self.experiment.transition_iterations - coarse)
+            self._lower(sought, frame, self.experiment.coarse_px, coarse, COARSE_SHARE * end_s + (1 - COARSE_SHARE) * self.clock.spent_s)
+        value = self._lower(sought, frame, 1, self.experiment.transition_iterations - coarse, end_s)
         with torch.no_grad():
             features[frame] = sought[0]
         return value
 
-    def _lower(self, sought: Tensor, frame: int, block_px: int, iterations: int) -> float:
-        """Give features (1, voxels, channels) the values that show the next picture best in blocks of so many pixels; their loss."""
+    def _lower(self, sought: Tensor, frame: int, block_px: int, iterations: int, end_s: float) -> float:
+        """Give features (1, voxels, channels) the values that show the next picture best in blocks of so many pixels, as far as the search comes
+        until `end_s` of the clock; their loss."""
         space, loss = Space([sought]), partial(self._loss, sought, frame, block_px)
-        last = deque([state := begin(space, loss())], maxlen=1)
-        last.extend(islice(descend(space, loss, state, RULES), iterations))
-        space.assign(last[0].at)
-        return last[0].value
+        state = begin(space, loss())
+        for here in islice(descend(space, loss, state, RULES), iterations):
+            state = here
+            if self.clock.spent_s > end_s:
+                break
+        space.assign(state.at)
+        return state.value
 
     @torch.no_grad()
     def _guess(self, frame: int) -> Tensor:

@@ -193,7 +193,7 @@ def test_the_share_of_a_force_that_takes_its_velocity_back_is_that_of_a_free_bod
 def test_a_search_begins_with_the_share_of_the_last_force_that_shows_the_next_picture_best(problem: Problem) -> None:
     model = Model(problem)
     model.enter(schedule(problem)[0])
-    walk, held = Walk(model), held_share(problem.settings.experiment.frame_drag)
+    walk, held = Walk(model, Clock()), held_share(problem.settings.experiment.frame_drag)
     with torch.no_grad():
         walk.field.features[0] = 1.0
     for share in (1.0, 1 - held, 0.0, -held):
@@ -232,7 +232,7 @@ def test_a_walk_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(filmed: Prepa
         model = Model(problem)
         model.begin_fields()
         space, state = model.space(("force_field",)), None
-        for state in transitions(model, space, None):
+        for state in transitions(model, space, None, Clock()):
             if state.iteration == stop:
                 break
         if stop:
@@ -240,7 +240,7 @@ def test_a_walk_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(filmed: Prepa
             other.begin_fields()
             space = other.space(("force_field",))
             space.assign(state.at)
-            *_, state = transitions(other, space, state)
+            *_, state = transitions(other, space, state, Clock())
         ends.append(state)
     np.testing.assert_array_equal(ends[0].at, ends[1].at)
     assert ends[0].value == pytest.approx(ends[1].value)

@@ -1,0 +1,121 @@
+"""What neither modes nor a simulated force explain is carried by fields, and an answer is never worse than standing still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.config import build, layered
+from diffphys_ros.errors import InputError
+from diffphys_ros.inverse import explaining, solve
+from diffphys_ros.inverse.choice import STILL
+from diffphys_ros.inverse.clock import FIT_END, Clock
+from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried, may_carry, modes_miss, shortened
+from diffphys_ros.inverse.model import Model
+from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.inverse.problem import Problem
+from diffphys_ros.inverse.stages import schedule
+from diffphys_ros.inverse.transitions import Walk
+from diffphys_ros.types import Recovery
+
+from .test_paper import FILE, filmed, problem, speckled  # noqa: F401 fixtures
+from .test_solve import drive
+
+LINEAR = {"experiment.schedule": "linear", "experiment.force_frame": "rest", "fit.hold": ["force", "damping", "motion", "density", "poisson"], "scene.at_rest": True}
+
+
+def test_the_fields_are_those_of_the_published_schedule() -> None:
+    published, ours = layered([FILE], {}), explaining.explaining(build({}))
+    assert {name: getattr(published.experiment, name) for name in EXPLAINING} == dict(EXPLAINING)
+    assert (ours.fit.hold, ours.fit.material_field, ours.fit.force_field) == (published.fit.hold, published.fit.material_field, published.fit.force_field)
+    assert ours.prior.materials == published.prior.materials == [UNKNOWN]
+
+
+@pytest.mark.parametrize("asked", [{"fit.iterations": 3}, {"fit.hold": ["young"]}, {"experiment.schedule": "modes"}, {"fit.force_field": "modes"}])
+def test_nothing_takes_the_place_of_a_fit_that_was_asked_for(prepared: Prepared, asked: dict[str, object]) -> None:
+    assert may_carry(prepared, build({}))
+    assert not may_carry(prepared, build(asked))
+
+
+def test_time_is_left_for_fields_where_modes_miss_the_motion_and_tell_no_stiffness(prepared: Prepared) -> None:
+    start = replace(prepared.start, track_cost=0.25, identified=np.zeros(2, bool))
+    assert modes_miss(replace(prepared, start=start))
+    assert not modes_miss(replace(prepared, start=replace(start, track_cost=1e-4)))
+    assert not modes_miss(replace(prepared, start=replace(start, identified=np.ones(2, bool))))
+    settings, clock = shortened(build({}), Clock(100.0))
+    assert settings.fit.time_budget_s == clock.limit_s == 50.0
+    assert shortened(build({}), Clock())[1].limit_s == np.inf
+
+
+def test_what_is_left_of_the_time_is_dealt_out_to_the_frames(problem: Problem) -> None:  # noqa: F811
+    clock = Clock(100.0)
+    assert clock.slice_end_s(4) == pytest.approx(0.9 * FIT_END * 100 / 4, rel=0.01)
+    model, counts = Model(problem), []
+    model.enter(schedule(problem)[0])
+    for limit in (np.inf, 1e-9):
+        walk, count = Walk(model, Clock(limit)), [0]
+        loss = walk._loss
+
+        def counted(*args, loss=loss, count=count):
+            count[0] += 1
+            return loss(*args)
+
+        walk._loss = counted  # type: ignore[method-assign]
+        walk.seek(2)
+        counts.append(count[0])
+    assert counts[1] < counts[0] / 2
+
+
+@pytest.fixture(scope="module")
+def wrong(filmed: Prepared) -> Recovery:  # noqa: F811
+    """What a force that pushes the wrong way makes of the clip, by modes."""
+    start = replace(filmed.start, force=-2 * filmed.start.force, identified=np.zeros(2, bool))
+    settings = build(LINEAR | {"experiment.cells": 3, "experiment.per_cell": 1.0})
+    return drive(solve(replace(filmed, start=start), speckled(), settings))[1]
+
+
+def test_an_answer_that_shows_the_clip_worse_than_its_first_frame_stands_still(wrong: Recovery) -> None:
+    assert STILL in wrong.notes
+    assert not wrong.force.any()
+    np.testing.assert_array_equal(wrong.trajectory, np.repeat(wrong.trajectory[:1], len(wrong.trajectory), 0))
+    assert not wrong.identified.any()
+
+
+@pytest.mark.parametrize(("psnr", "better"), [(60.0, True), (1.0, False)])
+def test_fields_take_over_where_they_show_the_clip_better_and_say_that_they_measure_nothing(
+    filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch, psnr: float, better: bool  # noqa: F811
+) -> None:
+    found = replace(wrong, metrics=wrong.metrics | {"psnr_masked": psnr}, reasons=("published",) * len(wrong.reasons), force_reason="published")
+
+    def by_fields(prepared, asked, clock):
+        yield from ()
+        return prepared, speckled(), found, np.zeros((120, 160, 3), np.uint8)
+
+    monkeypatch.setattr(explaining, "_by_fields", by_fields)
+    behind = np.ones((120, 160, 3), np.uint8)
+    *_, answer, scene = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock()))[1]
+    assert (answer is wrong) != better
+    assert (scene is behind) != better
+    if better:
+        assert answer.reasons == wrong.reasons
+        assert answer.force_reason == CARRIED
+        assert any(CARRIED in note for note in answer.notes)
+        assert answer.metrics["psnr_masked_without_fields"] == wrong.metrics["psnr_masked"]
+        assert not answer.identified.any()
+
+
+def test_without_time_or_a_grid_the_answer_stays_and_the_first_says_so(filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    behind = np.ones((120, 160, 3), np.uint8)
+    *_, late, _ = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock(1e-9)))[1]
+    assert "raise fit.time_budget_s" in late.notes[-1]
+
+    def refused(*_):
+        yield from ()
+        raise InputError("no such grid")
+
+    monkeypatch.setattr(explaining, "_by_fields", refused)
+    news, (*_, kept, _) = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock()))
+    assert kept is wrong
+    assert "no such grid" in news[-1].text
