@@ -12,7 +12,7 @@ from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
 from .clock import Clock
 from .evidence.pixels import static_background
-from .explaining import calls_for_fields, carried, may_carry, modes_miss, shortened
+from .explaining import calls_for_fields, carried_by_fields, may_carry, modes_miss, shortened
 from .frame_metrics import Judge
 from .gaussians import fit_gaussians
 from .prepare import label, prepare
@@ -78,6 +78,6 @@ def _solved(
     first, ends = shortened(settings, clock) if may and modes_miss(prepared) else (settings, clock)
     recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
     if may and calls_for_fields(prepared, recovery):
-        prepared, splats, recovery, behind = yield from carried(prepared, splats, recovery, behind, settings, clock)
+        prepared, splats, recovery, behind = yield from carried_by_fields(prepared, splats, recovery, behind, settings, clock)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)

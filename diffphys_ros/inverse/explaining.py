@@ -54,7 +54,7 @@ def modes_miss(prepared: Prepared) -> bool:
     return not start.identified.any() and explained_badly(start.track_cost**0.5 * size, prepared.tracks.noise_m, size)
 
 
-def carried(prepared: Prepared, splats: Splats, recovery: Recovery, behind: np.ndarray, settings: Settings, clock: Clock) -> Generator[Progress, None, Carried]:
+def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, behind: np.ndarray, settings: Settings, clock: Clock) -> Generator[Progress, None, Carried]:
     """What fields make of a clip that an answer leaves unexplained, where that shows it better; else what was given. Yields news."""
     kept = prepared, splats, recovery, behind
     if not clock.allows_fit():

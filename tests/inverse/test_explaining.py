@@ -12,7 +12,7 @@ from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import explaining, solve
 from diffphys_ros.inverse.choice import STILL
 from diffphys_ros.inverse.clock import FIT_END, Clock
-from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried, may_carry, modes_miss, shortened
+from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, may_carry, modes_miss, shortened
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.problem import Problem
@@ -95,7 +95,7 @@ def test_fields_take_over_where_they_show_the_clip_better_and_say_that_they_meas
 
     monkeypatch.setattr(explaining, "_by_fields", by_fields)
     behind = np.ones((120, 160, 3), np.uint8)
-    *_, answer, scene = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock()))[1]
+    *_, answer, scene = drive(carried_by_fields(filmed, speckled(), wrong, behind, build({}), Clock()))[1]
     assert (answer is wrong) != better
     assert (scene is behind) != better
     if better:
@@ -108,7 +108,7 @@ def test_fields_take_over_where_they_show_the_clip_better_and_say_that_they_meas
 
 def test_without_time_or_a_grid_the_answer_stays_and_the_first_says_so(filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     behind = np.ones((120, 160, 3), np.uint8)
-    *_, late, _ = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock(1e-9)))[1]
+    *_, late, _ = drive(carried_by_fields(filmed, speckled(), wrong, behind, build({}), Clock(1e-9)))[1]
     assert "raise fit.time_budget_s" in late.notes[-1]
 
     def refused(*_):
@@ -116,6 +116,6 @@ def test_without_time_or_a_grid_the_answer_stays_and_the_first_says_so(filmed: P
         raise InputError("no such grid")
 
     monkeypatch.setattr(explaining, "_by_fields", refused)
-    news, (*_, kept, _) = drive(carried(filmed, speckled(), wrong, behind, build({}), Clock()))
+    news, (*_, kept, _) = drive(carried_by_fields(filmed, speckled(), wrong, behind, build({}), Clock()))
     assert kept is wrong
     assert "no such grid" in news[-1].text
