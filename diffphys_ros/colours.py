@@ -34,6 +34,13 @@ def stiffness_colours(young: np.ndarray) -> np.ndarray:
     return ramp((np.log10(young) - low) / (high - low))
 
 
+def in_words(value: float, unit: str) -> str:
+    """A stiffness for people, in pascals or another unit."""
+    if unit == "Pa" or not np.isfinite(value):
+        return pascals(value)
+    return f"{value:.3g} {unit}".rstrip()
+
+
 def pascals(value: float) -> str:
     """A stiffness for people: 83.2 kPa."""
     if not np.isfinite(value):

@@ -20,6 +20,9 @@ class ForceSoFar:
     centre: tuple[float, ...]  # of the object at rest [m], (3,)
     volume_m3: float  # of the object
     net: tuple[tuple[float, ...], ...]  # world frame [N], (T, 3)
+    mass_kg: float  # of the object
+    density_told: bool  # whether the mass is known, and lengths; without, newtons are assumed
+    length_told: bool
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,8 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
     part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
     poisson_sd and density_sd (0 where they were told), young_lower (the least modulus, where that is all that is known), log10_specific_sd (of log10(young / density)), clamped (N,),
-    force [N/m^3 of rest volume] and trajectory (T, N, 3), frames (T, H, W, 3) where rendered,
+    force [N/m^3 of rest volume] and trajectory (T, N, 3), absolute and scale (whether E and force are in pascals and newtons, and in words what holds
+    where a density or a size is assumed: then young, young_lower and force are those of a body of that density and size), frames (T, H, W, 3) where rendered,
     initial_velocity (N, 3), identified (n,), reasons (n,), force_identified, force_reason, period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
     dotted settings).
 
@@ -80,7 +81,7 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     """
     folder = check_writable(folder)
     path = store.write_arrays(folder / RECOVERY, _arrays(recovery, clip, settings))
-    write_metrics(folder, recovery.metrics | {"notes": list(recovery.notes)})
+    write_metrics(folder, recovery.metrics | {"scale": recovery.scale.words, "notes": list(recovery.notes)})
     return path
 
 
@@ -90,6 +91,7 @@ def load(folder: str | Path) -> Recovery:
     z = store.read_arrays(path, "recovery", cure="recover the clip again")
     metrics = read_metrics(folder)
     notes = metrics.pop("notes", [])
+    metrics.pop("scale", None)  # it follows from what fixed density and size
     try:
         recovery = _recovery(z, path, metrics, tuple(str(note) for note in notes) if isinstance(notes, list) else ())
         shapes.check_recovery(recovery)
@@ -215,6 +217,8 @@ def read_metrics(folder: str | Path) -> dict[str, Any]:
 
 def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: Any, node: str) -> Iterator[tuple[str, Callable[[Path], object]]]:
     # Imported late: a machine that only solves has none of these packages.
+    scale = recovery.scale.taken(settings.publish.allow_assumed_scale)
+
     def recording(path: Path) -> object:
         from .bags.write import write_recording
         from .msg_schemas import recording as messages
@@ -224,12 +228,12 @@ def _exports(recovery: Recovery, clip: Clip, settings: config.Settings, splats: 
     def rerun_file(path: Path) -> object:
         from .report.rerun_log import write_rrd
 
-        return store.write_whole(path, lambda temporary: write_rrd(temporary, recovery, clip, splats=splats))
+        return store.write_whole(path, lambda temporary: write_rrd(temporary, recovery, clip, splats=splats, scale=scale))
 
     def figure(path: Path) -> object:
         from .report.figure import summary
 
-        return store.write_whole(path, lambda temporary: summary(temporary, recovery, clip))
+        return store.write_whole(path, lambda temporary: summary(temporary, recovery, clip, scale=scale))
 
     return iter(((RECORDING, recording), (RERUN, rerun_file), (FIGURE, figure)))
 
@@ -249,6 +253,8 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
         "reasons": np.array(recovery.reasons),
         "force_identified": recovery.force_identified,
         "force_reason": np.array(recovery.force_reason),
+        "absolute": recovery.scale.absolute,
+        "scale": np.array(recovery.scale.words),
         "engine": np.array(recovery.simulation.engine),
         **store.flat(recovery.simulation, f"{recovery.simulation.engine}_"),
         "start_ns": clip.start_ns,

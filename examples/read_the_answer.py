@@ -14,17 +14,19 @@ from diffphys_ros import result
 def answer(folder: str | Path) -> Iterator[str]:
     """The answer in lines: Young's modulus by part with its spread, the largest net force, what was assumed."""
     found = result.load(folder)
+    stiffness, net = found.stiffness(found.scale), found.net_quantity(found.scale)  # pascals and newtons where mass and size are known
+    spread = found.log10_young_sd if found.scale.absolute else found.log10_specific_sd
     for part, (identified, reason) in enumerate(zip(found.identified, found.reasons, strict=True), 1):
         here = found.part == part
-        young, sd = np.median(found.young[here]), np.median(found.log10_young_sd[here])
+        young, sd = np.median(stiffness.values[here]), np.median(spread[here])
         if identified:
-            yield f"part {part}: E = {young:.3g} Pa, with 68 % between {young / 10**sd:.3g} and {young * 10**sd:.3g} Pa; {reason}"
+            yield f"part {part}: {stiffness.name} = {young:.3g} {stiffness.unit}, with 68 % between {young / 10**sd:.3g} and {young * 10**sd:.3g}; {reason}"
         else:
             yield f"part {part}: stiffness not identified; {reason}"
-    net = found.net_force()  # (T, 3) [N], world frame
-    frame = int(np.linalg.norm(net, axis=1).argmax())
+    peak = np.linalg.norm(net.values, axis=1)  # of (T, 3), world frame
+    frame = int(peak.argmax())
     if found.force_identified:
-        yield f"largest net force: {np.linalg.norm(net[frame]):.3g} N along ({', '.join(f'{v:+.2f}' for v in net[frame])}) at {frame * found.period_s:.2f} s"
+        yield f"largest {net.name}: {peak[frame]:.3g} {net.unit} along ({', '.join(f'{v:+.2f}' for v in net.values[frame])}) at {frame * found.period_s:.2f} s"
     else:
         yield f"force not identified; {found.force_reason}"
     yield from (f"assumed: {note}" for note in found.notes)

@@ -25,18 +25,18 @@ class Robot(Node):
         self.create_subscription(PointCloud2, "fit_node/force_field", self.hear_force, LATCHED)
 
     def hear_stiffness(self, cloud: PointCloud2) -> None:
-        """Young's modulus of every particle at rest; NaN where its part is not identified, relative where the scale is not absolute."""
+        """Young's modulus of every particle at rest; NaN where its part is not identified, or nobody told a mass and a size."""
         points = clouds.particles(cloud, clouds.MATERIAL).ravel()
-        unit = "Pa" if points["absolute"].all() else "Pa if density and size are as assumed"
+        name, unit = ("young_modulus", "Pa") if points["absolute"].all() else ("young_relative", "of the stiffest part's")
         for part in np.unique(points["part"]):
             own = points[points["part"] == part]
-            said = f"E = {np.median(own['young_modulus']):.4g} {unit}" if own["identified"].all() else "not identified"
+            said = f"E = {np.median(own[name]):.4g} {unit}" if own["identified"].all() else "not identified"
             print(f"part {part}: {said}", flush=True)
         self.wanted.discard("stiffness")
 
     def hear_force(self, cloud: PointCloud2) -> None:
-        """Force densities [N/m^3], a row a frame; times volume and summed over a row they are the net force."""
-        rows = clouds.particles(cloud, clouds.FORCE)
+        """Force densities [N/m^3], a row a frame; times volume and summed over a row they are the net force. NaN where nobody told a mass and a size."""
+        rows = clouds.particles(cloud, clouds.FIELD)
         net = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1)
         print(f"largest net force: {np.linalg.norm(net, axis=1).max():.4g} N in frame {cloud.header.frame_id}", flush=True)
         self.wanted.discard("force")

@@ -20,34 +20,37 @@ MAX_FIELDS = 256  # of a cloud that is read; 3DGS with all harmonics has 62
 MATERIAL = {
     "x": "m", "y": "m", "z": "m", "young_modulus": "Pa", "log10_young_sd": "", "young_lower": "Pa", "poisson_ratio": "", "density": "kg/m^3",
     "volume": "m^3", "part": "#", "identified": "#", "absolute": "#", "intensity": "log10 Pa", "id": "#",
-    "young_over_density": "m^2/s^2", "log10_young_over_density_sd": "", "poisson_sd": "", "density_sd": "kg/m^3", "poisson_assumed": "#", "density_assumed": "#",
+    "young_over_density": "m^2/s^2", "log10_young_over_density_sd": "", "poisson_sd": "", "density_sd": "kg/m^3", "poisson_assumed": "#", "density_assumed": "#", "young_relative": "",
 }  # fmt: skip
 FORCE = {"x": "m", "y": "m", "z": "m", "t": "s", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "volume": "m^3", "intensity": "N/m^3", "id": "#"}
-FIELD = FORCE | {"ax": "m/s^2", "ay": "m/s^2", "az": "m/s^2"}
-STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"}
-LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FIELD, "~/force_so_far": FORCE, "~/state": STATE}
+RELATIVE = {"rx": "", "ry": "", "rz": ""}
+FIELD = FORCE | {"ax": "m/s^2", "ay": "m/s^2", "az": "m/s^2"} | RELATIVE
+STATE = {"x": "m", "y": "m", "z": "m", "fx": "N/m^3", "fy": "N/m^3", "fz": "N/m^3", "intensity": "N/m^3", "id": "#"} | RELATIVE
+LAYOUTS = {"~/material_field": MATERIAL, "~/force_field": FIELD, "~/force_so_far": FIELD, "~/state": STATE}
 MEANING = {
     "x": "place: at rest, in ~/force_field and ~/state in that frame",
-    "young_modulus": "NaN where the part is not identified",
+    "young_modulus": "NaN where the part is not identified, and where `absolute` is 0",
     "log10_young_sd": "one standard deviation of log10 of the modulus",
-    "young_lower": "the least modulus with 95 %, where that is all that is known; NaN elsewhere",
+    "young_lower": "the least modulus with 95 %, where that is all that is known; NaN elsewhere, and where `absolute` is 0",
     "volume": "of the particle, or of the cluster that it stands for",
     "part": "1 at the clamp",
     "identified": "1 where the stiffness of the part is identified, else 0",
-    "absolute": "1 where the scale is told or measured; 0 where a density or a size is assumed, and E and force are relative",
-    "intensity": "for viewers: log10 of the modulus that was used; in the others the size of the force density",
+    "absolute": "1 where the scale is told or measured, or publish.allow_assumed_scale is set; 0 where a density or a size is assumed: E and force are relative then",
+    "intensity": "for viewers: log10 of the modulus that was used, or of young_relative; in the others the size of the force density, or of rx, ry, rz",
     "id": "index into the arrays of recovery.npz",
     "t": "after the header's stamp",
-    "fx": "force density, per rest volume",
-    "young_over_density": "NaN where the part is not identified; known whatever the mass is",
+    "fx": "force density, per rest volume; NaN where `absolute` is 0",
+    "young_over_density": "NaN where the part is not identified, and where no length is known; known whatever the mass is",
     "log10_young_over_density_sd": "one standard deviation of its log10; smaller than that of the modulus where the part swings on its own weight",
     "poisson_sd": "one standard deviation; 0 where it was told",
     "density_sd": "one standard deviation; 0 where it was told",
     "poisson_assumed": "1 where nobody told Poisson's ratio of the part",
     "density_assumed": "1 where nobody told the density of the part; where only the mass of all is told, parts are assumed to be alike",
-    "ax": "force over mass, known whatever the mass is",
+    "young_relative": "modulus over that of the stiffest part that is identified; known whatever mass and size are",
+    "ax": "force over mass, known whatever the mass is; NaN where no length is known",
+    "rx": "force density over the largest of the clip; known whatever mass and size are",
 }
-FINITE = ("x", "y", "z", "t", "fx", "fy", "fz", "ax", "ay", "az", "volume", "density", "poisson_ratio", "poisson_sd", "density_sd")  # what is known of every particle, whatever is identified
+FINITE = ("x", "y", "z", "t", "rx", "ry", "rz", "volume", "density", "poisson_ratio", "poisson_sd", "density_sd")  # what is known of every particle, whatever is identified
 
 
 def dtype(layout: Mapping[str, str]) -> np.dtype:
@@ -148,3 +151,10 @@ def particles(cloud: Any, layout: Mapping[str, str]) -> np.ndarray:
 def xyz(points: np.ndarray, prefix: str = "") -> np.ndarray:
     """Fields x y z (or fx fy fz with prefix "f") of a structured array (...) as float64 (..., 3)."""
     return np.stack([points[prefix + axis].astype(float) for axis in "xyz"], -1)
+
+
+def known_force(rows: np.ndarray) -> tuple[np.ndarray, str, str]:
+    """What is known of the force in rows of FIELD (T, K), as densities (T, K, 3) that a sum of density * volume makes a net one of, with its name and
+    unit: in newtons, else over the largest of the clip."""
+    force = xyz(rows, "f")
+    return (force, "force", "N") if np.isfinite(force).all() else (xyz(rows, "r"), "force, relative", "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ..colours import stiffness_colours
 from ..config import Settings
 from ..progress import ForceSoFar
-from ..types import Camera, Clip, Recovery
+from ..types import Camera, Clip, Recovery, Scale
 from . import clouds, markers
 from .markers import vector
 from .messages import ERROR, OK, WARN, camera_info, diagnostics, header, image, static_tree, status, world_frame
@@ -34,6 +35,7 @@ class Answer:
     camera: Camera
     reference: np.ndarray  # about which moments are taken, world frame [m], shape (3,)
     reference_text: str
+    scale: Scale  # in which it is told
     node: str = FIT_NODE  # name of the node whose answer it is, with its namespace
 
     @property
@@ -41,11 +43,9 @@ class Answer:
         """Name of the frame of everything but images."""
         return world_frame(self.camera)
 
-    @property
-    def absolute(self) -> bool:
-        """Whether E and force have their true scale: false where density or metric scale are assumed, and with them ratios alone are known."""
-        sources = [str(self.recovery.metrics.get(name, "unknown")) for name in ("density_source", "metric_scale_source")]
-        return not any(source.startswith(("assumed", "unknown")) for source in sources)
+    @cached_property
+    def _peak(self) -> float:
+        return _peak(self.thinned.force)
 
     def __len__(self) -> int:
         return len(self.recovery.force)
@@ -57,29 +57,30 @@ class Answer:
     def material_field(self) -> dict[str, Any]:
         """PointCloud2 at rest positions, layout clouds.MATERIAL.
 
-        young_modulus is NaN where a part is not identified, young_lower where no lower bound of it is known.
+        young_modulus is NaN where a part is not identified, young_lower where no lower bound of it is known; both where their scale is not.
         """
-        r, ids = self.recovery, self.thinned.ids
-        part = r.part[ids]
+        r, ids, scale = self.recovery, self.thinned.ids, self.scale
+        part, young, known = r.part[ids], r.young[ids], r.known_young()[ids]
         columns = {
             **_xyz(r.points[ids]),
-            "young_modulus": self._young(ids),
+            "young_modulus": _where(scale.absolute, known),
             "log10_young_sd": r.log10_young_sd[ids],
-            "young_lower": r.young_lower[ids],
+            "young_lower": _where(scale.absolute, r.young_lower[ids]),
             "poisson_ratio": r.poisson[ids],
             "density": r.density[ids],
             "volume": self.thinned.volume,
             "part": part,
             "identified": r.identified[part - 1],
-            "absolute": self.absolute,
-            "intensity": np.log10(r.young[ids]),
+            "absolute": scale.absolute,
+            "intensity": np.log10(young if scale.absolute else young / young.max()),
             "id": ids,
-            "young_over_density": self._young(ids) / r.density[ids],
+            "young_over_density": _where(scale.length, known / r.density[ids]),
             "log10_young_over_density_sd": r.log10_specific_sd[ids],
             "poisson_sd": r.poisson_sd[ids],
             "density_sd": r.density_sd[ids],
             "poisson_assumed": r.poisson_sd[ids] > 0,
             "density_assumed": r.density_sd[ids] > 0,
+            "young_relative": r.stiffness(Scale(density=False, length=False)).values[ids],
         }
         return clouds.pack(header(self.start_ns, self.world), clouds.MATERIAL, columns, (1, len(ids)))
 
@@ -89,11 +90,9 @@ class Answer:
         columns = {
             **_xyz(self.recovery.trajectory[:, ids]),
             "t": (np.arange(len(self)) * self.period_s)[:, None],
-            **_xyz(force, "f"),
             "volume": self.thinned.volume,
-            "intensity": np.linalg.norm(force, axis=-1),
             "id": ids,
-            **_xyz(force / self.recovery.density[ids, None], "a"),
+            **_forces(force, self._peak, self.scale, self.recovery.density[ids, None]),
         }
         return clouds.pack(header(self.start_ns, self.world), clouds.FIELD, columns, force.shape[:2])
 
@@ -102,9 +101,8 @@ class Answer:
         ids, force = self.thinned.ids, self.thinned.force[frame]
         columns = {
             **_xyz(self.recovery.trajectory[frame, ids]),
-            **_xyz(force, "f"),
-            "intensity": np.linalg.norm(force, axis=-1),
             "id": ids,
+            **_forces(force, self._peak, self.scale, self.recovery.density[ids, None]),
         }
         return clouds.pack(header(self.stamp_ns(frame), self.world), clouds.STATE, columns, (1, len(ids)))
 
@@ -112,14 +110,12 @@ class Answer:
         """MarkerArray at rest positions: at most MOST_MARKERS cubes, coloured by log10 E, grey where not identified."""
         shown = thin(self.recovery, MOST_MARKERS)
         edge = float(np.cbrt(np.median(shown.volume)))
-        return markers.cubes(header(self.start_ns, self.world), self.recovery.points[shown.ids], stiffness_colours(self._young(slice(None)))[shown.ids], edge_m=edge)
+        return markers.cubes(header(self.start_ns, self.world), self.recovery.points[shown.ids], stiffness_colours(self.recovery.known_young())[shown.ids], edge_m=edge)
 
-    def _young(self, ids: Any) -> np.ndarray:
-        r = self.recovery
-        return np.where(r.identified[r.part[ids] - 1], r.young[ids], np.nan)
-
-    def net_force(self, frame: int) -> dict[str, Any]:
-        """WrenchStamped of the unclamped particles about `reference`: force [N], torque [N m]."""
+    def net_force(self, frame: int) -> dict[str, Any] | None:
+        """WrenchStamped of the unclamped particles about `reference`: force [N], torque [N m]; None where no newtons are known."""
+        if not self.scale.absolute:
+            return None
         force, torque = self.wrench(frame)
         return {"header": header(self.stamp_ns(frame), self.world), "wrench": {"force": vector(force), "torque": vector(torque)}}
 
@@ -134,8 +130,7 @@ class Answer:
         r, thinned = self.recovery, self.thinned
         chosen = np.linspace(0, len(thinned.ids) - 1, min(MOST_MARKERS, len(thinned.ids))).round().astype(int)
         tails, extent = r.trajectory[frame, thinned.ids[chosen]].astype(float), float(np.ptp(r.points, axis=0).max())
-        peak = float(np.linalg.norm(thinned.force, axis=-1).max()) or 1.0
-        tips = tails + thinned.force[frame, chosen] * (ARROW_LENGTH * extent / peak)
+        tips = tails + thinned.force[frame, chosen] * (ARROW_LENGTH * extent / self._peak)
         return markers.lines(header(self.stamp_ns(frame), self.world), np.stack([tails, tips], 1), width_m=0.004 * extent)
 
     def rendered(self, frame: int) -> dict[str, Any] | None:
@@ -158,25 +153,35 @@ class Answer:
         return diagnostics(self.start_ns, [*parts, self._force_quality()], self.world)
 
     def _force_quality(self) -> dict[str, Any]:
-        r = self.recovery
+        r, scale = self.recovery, self.scale
+        peak = float(np.linalg.norm(r.net_force(), axis=1).max())
         values = {
             "identified": r.force_identified,
             "reason": r.force_reason,
-            "peak_net_force": float(np.linalg.norm(r.net_force(), axis=1).max()),
+            "peak_net_force": peak if scale.absolute else float("nan"),
             "density_source": r.metrics.get("density_source", "unknown"),
+            "peak_net_force_over_mass": peak / r.mass_kg if scale.length else float("nan"),
+            "scale": scale.words,
         }
         return self._quality("force", values, good=r.force_identified)
 
     def _part_quality(self, number: int) -> dict[str, Any]:
-        r = self.recovery
+        r, scale = self.recovery, self.scale
         own, known = r.part == number, bool(r.identified[number - 1])
+
+        def median(values: np.ndarray, there: bool) -> float:
+            return float(np.median(values[own])) if there and own.any() else float("nan")
+
         values = {
             "identified": known,
             "reason": r.reasons[number - 1],
-            "young_modulus": float(np.median(r.young[own])) if known and own.any() else float("nan"),
-            "log10_young_sd": float(np.median(r.log10_young_sd[own])) if own.any() else float("nan"),
+            "young_modulus": median(r.young, known and scale.absolute),
+            "log10_young_sd": median(r.log10_young_sd, True),
             "density_source": r.metrics.get("density_source", "unknown"),
             "metric_scale_source": r.metrics.get("metric_scale_source", "unknown"),
+            "young_over_density": median(r.young / r.density, known and scale.length),
+            "young_relative": median(r.stiffness(Scale(density=False, length=False)).values, known),
+            "scale": scale.words,
         }
         return self._quality(f"part {number}", values, good=known)
 
@@ -197,13 +202,14 @@ def answer(recovery: Recovery, clip: Clip, settings: Settings, *, node: str = FI
         clip.camera,
         reference,
         text,
+        recovery.scale.taken(settings.publish.allow_assumed_scale),
         node,
     )
 
 
 def limited(found: Answer, settings: Settings) -> Answer:
     """The same answer within the limits of other settings.publish."""
-    return replace(found, thinned=thin(found.recovery, settings.publish.max_points))
+    return replace(found, thinned=thin(found.recovery, settings.publish.max_points), scale=found.recovery.scale.taken(settings.publish.allow_assumed_scale))
 
 
 def moment_reference(points: np.ndarray, clamp_box_m: Sequence[float] | None) -> tuple[np.ndarray, str]:
@@ -240,18 +246,18 @@ def progress(
     return diagnostics(now_ns, [status(f"{own_name(node)}: progress", values, level=level, message=text)])
 
 
-def force_so_far(force: ForceSoFar) -> dict[str, Any]:
-    """PointCloud2 of layout clouds.FORCE with one point a frame: the object's centre, its volume and, times that, its net force."""
+def force_so_far(force: ForceSoFar, *, allow_assumed: bool = False) -> dict[str, Any]:
+    """PointCloud2 of layout clouds.FIELD with one point a frame: the object's centre, its volume and, times that, its net force."""
     density = np.array(force.net)[:, None] / force.volume_m3
+    scale = Scale(force.density_told, force.length_told).taken(allow_assumed)
     columns = {
         **_xyz(np.array(force.centre)),
         "t": (np.arange(len(density)) * force.period_s)[:, None],
-        **_xyz(density, "f"),
-        "volume": force.volume_m3,
-        "intensity": np.linalg.norm(density, axis=-1),
-        "id": 0,
+        "volume": np.array(force.volume_m3),
+        "id": np.array(0),
+        **_forces(density, _peak(density), scale, np.array(force.mass_kg / force.volume_m3)),
     }
-    return clouds.pack(header(force.start_ns, force.frame_id), clouds.FORCE, columns, density.shape[:2])
+    return clouds.pack(header(force.start_ns, force.frame_id), clouds.FIELD, columns, density.shape[:2])
 
 
 def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "", hardware: str = "", node: str = FIT_NODE) -> dict[str, Any]:
@@ -262,3 +268,19 @@ def failed_quality(now_ns: int, reason: str, *, run: str = "", camera: str = "",
 
 def _xyz(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:
     return {prefix + axis: vectors[..., i] for i, axis in enumerate("xyz")}
+
+
+def _peak(force: np.ndarray) -> float:
+    return float(np.linalg.norm(force, axis=-1).max(initial=0.0)) or 1.0
+
+
+def _forces(force: np.ndarray, peak: float, scale: Scale, density: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of force densities [N/m^3] (..., 3), of them over the mass of their volume and over the largest, as far as a scale tells them."""
+    relative = force / peak
+    shown = force if scale.absolute else relative
+    columns = {**_xyz(_where(scale.absolute, force), "f"), **_xyz(_where(scale.length, force / density), "a"), **_xyz(relative, "r")}
+    return columns | {"intensity": np.linalg.norm(shown, axis=-1)}
+
+
+def _where(known: bool, values: np.ndarray) -> np.ndarray:
+    return values if known else np.full(np.shape(values), np.nan)

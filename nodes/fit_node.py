@@ -129,7 +129,7 @@ class FitNode(ClipStage):
             return
         self.loss = news.loss if news.loss is not None else self.loss
         if news.force is not None:
-            self.send(SO_FAR, fields.force_so_far(news.force))
+            self.send(SO_FAR, fields.force_so_far(news.force, allow_assumed=self.parameters.settings().publish.allow_assumed_scale))
         self._say(stage=news.stage, iteration=news.iteration, iterations=news.iterations, loss=news.loss, seconds_left=news.seconds_left, text=news.text)
 
     def on_done(self, left_out: list[str]) -> None:

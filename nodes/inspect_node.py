@@ -142,11 +142,12 @@ class InspectNode(StageNode):
     def _show_force_field(self, message: Any) -> None:
         from diffphys_ros.report.rerun_log import force_arrows
 
-        rows, start = clouds.particles(message, clouds.FORCE), stamp_ns(message)
+        rows, start = clouds.particles(message, clouds.FIELD), stamp_ns(message)
         if len(rows) > MAX_FRAMES or np.abs(rows["t"]).max() > MAX_S:
             raise InputError(f"topic ~/force_field: {len(rows)} frames, must be at most {MAX_FRAMES} within {MAX_S:g} s; publish one row per frame")
-        where, force = clouds.xyz(rows), clouds.xyz(rows, "f")
+        where, (force, name, unit) = clouds.xyz(rows), clouds.known_force(rows)
         index, arrows = force_arrows(where[0], force, np.zeros(rows.shape[1], bool))
+        self.stream.name_net_force(f"net {name}", unit)
         for k, row in enumerate(rows):
             self.stream.at(start + round(float(row["t"][0]) * 1e9))
             if len(self.colours) == len(row):
@@ -155,8 +156,8 @@ class InspectNode(StageNode):
             self.stream.log_net_force((force[k] * row["volume"][:, None]).sum(0))
 
     def _show_force_so_far(self, message: Any) -> None:
-        rows = clouds.particles(message, clouds.FORCE)
-        self.stream.log_force_so_far(np.linalg.norm((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), axis=1))
+        rows = clouds.particles(message, clouds.FIELD)
+        self.stream.log_force_so_far(np.linalg.norm((clouds.known_force(rows)[0] * rows["volume"][..., None]).sum(1), axis=1))
 
     def _show_progress(self, message: Any) -> None:
         for status in message.status:

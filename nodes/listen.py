@@ -53,7 +53,7 @@ class Listener:
         print(f"[{time.monotonic() - self._began:6.1f} s] {text}", flush=True)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Net force (T, 3) [N] summed over the received cloud, times (T,) [s], moduli (K,) [Pa] and parts (K,)."""
+        """Net force (T, 3) [N] summed over the received cloud, times (T,) [s], moduli (K,) [Pa] and parts (K,); NaN where no newtons and pascals are known."""
         rows, material = self.received["~/force_field"], self.received["~/material_field"]
         net = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1)
         return {"net_force": net, "t": rows["t"][:, 0], "young": material["young_modulus"], "part": material["part"]}
@@ -84,18 +84,19 @@ class Listener:
                 self.say(_progress_line(news, text))
 
     def _tell_material(self, points: np.ndarray, frame_id: str) -> None:
-        self.say(f"material_field: {len(points)} particles in frame {short(frame_id)}" + ("" if points["absolute"].all() else "; E and force are relative: a density or a size is assumed"))
+        self.say(f"material_field: {len(points)} particles in frame {short(frame_id)}" + ("" if points["absolute"].all() else "; E and force are relative: nobody told a density or a size"))
         for part in np.unique(points["part"])[:MOST_PARTS]:
             own = points["part"] == part
-            young, sd = float(np.median(points["young_modulus"][own])), float(np.median(points["log10_young_sd"][own]))
-            self.say(f"  part {part}: E = {young:.4g} Pa (x/ {10 ** min(sd, MOST_SD):.2f}), {1e3 * float((points['volume'] * points['density'])[own].sum()):.0f} g")
+            self.say(f"  part {part}: {_stiffness_line(points[own])}")
 
     def _tell_force(self, rows: np.ndarray) -> None:
-        net = (clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1)
+        force, name, unit = clouds.known_force(rows)
+        net = (force * rows["volume"][..., None]).sum(1)
+        net = net if unit else net / (float(np.linalg.norm(net, axis=1).max()) or 1.0)
         size = np.linalg.norm(net, axis=1)
         k = int(size.argmax())
         vector = ", ".join(f"{v:+.3f}" for v in net[k])
-        self.say(f"force_field: {rows.shape[0]} frames x {rows.shape[1]} particles; peak net force {size[k]:.3g} N = ({vector}) at t = {rows['t'][k, 0]:.3f} s")
+        self.say(f"force_field: {rows.shape[0]} frames x {rows.shape[1]} particles; peak net {name} {size[k]:.3g} {unit or 'of its peak'} = ({vector}) at t = {rows['t'][k, 0]:.3f} s")
 
     def _tell_quality(self, message: Any) -> None:
         for status in message.status:
@@ -110,6 +111,18 @@ class Listener:
     def _tell_played(self, message: Any) -> None:
         f = message.wrench.force
         self.say(f"net_force: playing; first sample ({f.x:+.3f}, {f.y:+.3f}, {f.z:+.3f}) N")
+
+
+def _stiffness_line(points: np.ndarray) -> str:
+    """Of the particles of a part, as far as its scale is known."""
+    young, specific, relative, sd, of_specific = (
+        float(np.median(points[name])) for name in ("young_modulus", "young_over_density", "young_relative", "log10_young_sd", "log10_young_over_density_sd")
+    )
+    if points["absolute"].all():
+        return f"E = {young:.4g} Pa (x/ {10 ** min(sd, MOST_SD):.2f}), {1e3 * float((points['volume'] * points['density']).sum()):.0f} g"
+    if np.isfinite(specific):
+        return f"E/density = {specific:.4g} m^2/s^2 (x/ {10 ** min(of_specific, MOST_SD):.2f})"
+    return f"E = {relative:.4g} of the stiffest part's" if np.isfinite(relative) else "E is not identified"
 
 
 def _progress_line(news: dict[str, str], text: str) -> str:

@@ -142,7 +142,7 @@ def make_recovery(made_clip: Clip) -> Recovery:
         initial_velocity=np.zeros((count, 3)),
         identified=np.array([True, True]),
         reasons=("seen in two frequencies", "seen in two frequencies"),
-        metrics={"psnr_masked": 31.0, "loss": [1.0, float("nan")]},
+        metrics={"psnr_masked": 31.0, "loss": [1.0, float("nan")], "density_source": "mass_kg over the filled volume", "metric_scale_source": "depth topic"},
         notes=("density assumed",),
     )
 

@@ -97,7 +97,7 @@ def test_equal_recoveries_give_equal_bytes_wherever_the_mask_lay(tmp_path: Path,
 
 
 def test_timings_in_the_metrics_do_not_reach_recovery_npz(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
-    later = dataclasses.replace(made_recovery, metrics={"seconds": 12.0}, notes=("other",))
+    later = dataclasses.replace(made_recovery, metrics=made_recovery.metrics | {"seconds": 12.0}, notes=("other",))
     first, second = (
         result.save(r, made_clip, config.Settings(), tmp_path / name).read_bytes() for r, name in ((made_recovery, "a"), (later, "b"))
     )
@@ -123,7 +123,17 @@ def test_the_npz_holds_time_frame_and_settings(tmp_path: Path, made_recovery: Re
 def test_metrics_are_json_without_nan(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
     result.save(made_recovery, made_clip, config.Settings(), tmp_path)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert metrics == {"psnr_masked": 31.0, "loss": [1.0, None], "notes": ["density assumed"]}
+    sources = {"density_source": "mass_kg over the filled volume", "metric_scale_source": "depth topic"}
+    assert metrics == {"psnr_masked": 31.0, "loss": [1.0, None], **sources, "scale": "absolute", "notes": ["density assumed"]}
+
+
+def test_the_npz_says_whether_its_pascals_are_assumed(tmp_path: Path, made_recovery: Recovery, made_clip: Clip) -> None:
+    untold = dataclasses.replace(made_recovery, metrics={"density_source": "assumed: 1000 kg/m^3", "metric_scale_source": "depth topic"})
+    for recovery, absolute, words in ((made_recovery, True, "absolute"), (untold, False, "relative: nobody told a mass or a density")):
+        with np.load(result.save(recovery, made_clip, config.Settings(), tmp_path)) as z:
+            assert z["absolute"].item() is absolute
+            assert str(z["scale"]).startswith(words)
+        assert result.load(tmp_path).scale == recovery.scale
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ MODAL = "modal_force_relative_rmse"
 PREDICTED = "prediction_over_rms_motion"  # of frames that were kept back
 OF_CLIP = (
     "force_identified",
+    "scale",
     "young_ratio_error",
     "net_force_cosine",
     "false_force_ratio",
@@ -33,7 +34,8 @@ OF_CLIP = (
 def figures_of(folder: Path) -> dict[str, Any]:
     """Figures of OF_PARTS, a list with an entry for each part, and those of OF_CLIP that the result has.
 
-    young_pa [Pa] is the median over a part, None where it is not identified; log10_young_sd its standard deviation. Errors are
+    young_pa [Pa] is the median over a part, None where it is not identified; log10_young_sd its standard deviation. Both hold at the assumed
+    density and size where `scale` says that they are relative. Errors are
     there after a score. Raises InputError for a folder without a whole result.
     """
     path = folder / result.RECOVERY

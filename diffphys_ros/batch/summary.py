@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import store
+from ..types import TOLD
 from .figures import OF_CLIP, OF_PARTS
 from .status import DONE, STATES, Status
 
@@ -68,7 +69,7 @@ def _line(name: str, s: Status) -> tuple[str, ...]:
         name,
         s.state.replace("_", " "),
         "" if s.seconds is None else f"{s.seconds:.0f} s",
-        ", ".join(_young(e, sd) for e, sd in zip(f.get("young_pa") or [], f.get("log10_young_sd") or [], strict=False)),
+        ", ".join(_young(e, sd, absolute=f.get("scale", TOLD.words) == TOLD.words) for e, sd in zip(f.get("young_pa") or [], f.get("log10_young_sd") or [], strict=False)),
         ", ".join(number(e, "+.3f") for e in f.get("young_log10_error") or []),
         number(f.get("net_force_cosine"), ".3f"),
         number(f.get("false_force_ratio"), ".1%"),
@@ -83,8 +84,10 @@ def number(value: Any, form: str) -> str:
     return f"{value:{form}}" if isinstance(value, (int, float)) else "-"
 
 
-def _young(young: Any, sd: Any) -> str:
-    return "not identified" if not isinstance(young, (int, float)) else f"{young:.3g} Pa (sd of log10 {number(sd, '.3f')})"
+def _young(young: Any, sd: Any, *, absolute: bool) -> str:
+    if not isinstance(young, (int, float)):
+        return "not identified"
+    return f"{young:.3g} Pa (sd of log10 {number(sd, '.3f')})" if absolute else "relative"
 
 
 def _medians(statuses: Sequence[Status]) -> str:

@@ -197,9 +197,10 @@ class Playback:
 
 @dataclass(frozen=True)
 class Publish:
-    """Size of what is published."""
+    """What of an answer is published."""
 
     max_points: int = setting(20_000, "most particles in a cloud; fewer carry larger volumes, the sum of f * volume is kept", low=1, high=10_000_000)
+    allow_assumed_scale: bool = setting(False, "publish pascals and newtons although a density or a size is assumed; otherwise what is known without: E/density and force over mass, or ratios")
 
 
 @dataclass(frozen=True)

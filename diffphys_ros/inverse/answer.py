@@ -223,4 +223,6 @@ def notes(prepared: Prepared, confidence: Confidence) -> tuple[str, ...]:
     unknown += [] if confidence.force_identified else [f"the force is not identified: {confidence.force_reason}"]
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in sorted(prepared.body.sources.items())]
     of_prior = (describe_prior(prepared.prior), *prepared.prior.notes) if prepared.prior else ()
+    scale = prepared.body.scale
+    unknown += [] if scale.absolute else [f"scale: {scale.words}"]
     return (*unknown, *prepared.clip.notes, f"depth: {prepared.depth_source}", *of_prior, *said)

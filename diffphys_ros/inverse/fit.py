@@ -164,6 +164,6 @@ def _force_so_far(model: Model) -> ForceSoFar:
     lever = float((prepared.start.footprint.weights(rest) * volume * ~held_by(disc.grid, rest)).sum())
     net = prepared.body.rotate_to_world(amplitude) * lever
     centre = prepared.body.to_world(np.average(rest, axis=0, weights=volume))
-    clip = prepared.clip
+    clip, scale, mass = prepared.clip, prepared.body.scale, float(volume @ disc.particles.density[disc.particles.own])
     frame_id = clip.camera.world_frame_id or clip.camera.frame_id
-    return ForceSoFar(clip.start_ns, clip.period_s, frame_id, tuple(centre.tolist()), float(volume.sum()), tuple(map(tuple, net.tolist())))
+    return ForceSoFar(clip.start_ns, clip.period_s, frame_id, tuple(centre.tolist()), float(volume.sum()), tuple(map(tuple, net.tolist())), mass, scale.density, scale.length)

@@ -12,7 +12,7 @@ import numpy as np
 from ..config import Scene, Settings
 from ..errors import InputError, shown
 from ..progress import Progress, waiting
-from ..types import Body, Clip, StartValues, Swing, Tracks, object_mask
+from ..types import Body, Clip, Scale, StartValues, Swing, Tracks, object_mask
 from ..vibration.rest import Rest, rest_of
 from .law import law_to_fit
 from .material_prior import believed, describe_prior, of_parts, parted
@@ -110,7 +110,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
     doubts = doubts_of(clip, tracks, body, start, settings, moved)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
-    yield Progress("modes", text=describe_start(start))
+    yield Progress("modes", text=describe_start(start, body.scale))
     for doubt in doubts:
         yield Progress("modes", text=doubt.text)
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
@@ -185,13 +185,14 @@ def _plain(clip: Clip, settings: Settings) -> bool:
     return wanted == "outline" or (wanted == "auto" and plain_at_first(clip, settings))
 
 
-def describe_start(start: StartValues) -> str:
-    """The start values in a line or two for people."""
-    parts = ", ".join(f"{e:.4g} Pa (x/ {10**s:.2f})" for e, s in zip(start.young, start.log10_young_sd, strict=True))
+def describe_start(start: StartValues, scale: Scale) -> str:
+    """The start values in a line or two for people; in a scale."""
+    young, name, unit = scale.stiffness(start.young, start.density)
+    parts = ", ".join(f"{e:.4g} {unit}".rstrip() + f" (x/ {10**s:.2f})" for e, s in zip(young, start.log10_young_sd, strict=True))
     forced = np.flatnonzero(start.forced)
     span = f"frames {forced[0]}..{forced[-1]}" if len(forced) else "no frame"
     tones = ", ".join(f"{f:.2f}" for f in start.observed_hz)
-    return f"start values: E = {parts}; seen {tones} Hz; force in {span} ({start.footprint.family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
+    return f"start values: {name} = {parts}; seen {tones} Hz; force in {span} ({start.footprint.family}); misfit {100 * np.sqrt(start.track_cost):.1f} %"
 
 
 def describe_swing(swing: Swing | None) -> str:

@@ -80,8 +80,9 @@ def in_parts(recovery: Recovery, zones: Zoned | None) -> Recovery:
 def _reason(recovery: Recovery, here: np.ndarray, share: float) -> str:
     if not here.any():
         return "no particle lies in this part."
-    young, sd = recovery.young[here], recovery.log10_young_sd[here]
-    span = f"a field from {young.min():.3g} to {young.max():.3g} Pa, log10 E known to +-{sd.min():.2f} .. {sd.max():.2f}"
+    values, name, unit = recovery.scale.stiffness(recovery.young, recovery.density)
+    young, sd = values[here], recovery.log10_young_sd[here]
+    span = f"a field of {name} from {young.min():.3g} to {young.max():.3g} {unit}".rstrip() + f", log10 E known to +-{sd.min():.2f} .. {sd.max():.2f}"
     return f"{span}, within {WIDEST_SD:g} in {100 * share:.0f} % of the volume."
 
 

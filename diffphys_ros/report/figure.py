@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from ..colours import COMPONENTS, NET, pascals, ramp, stiffness_range
-from ..types import Clip, Recovery
+from ..colours import COMPONENTS, NET, in_words, pascals, ramp, stiffness_range
+from ..types import Clip, Recovery, Scale
 
 FRAMES = 4  # shown side by side
 WIDTH_IN, PANELS_IN = 13.0, 4.0  # of the figure; height of the lower panels
@@ -31,17 +31,18 @@ class Truth:
     net_force: np.ndarray  # [N], shape (T, 3)
 
 
-def summary(path: str | Path, recovery: Recovery, clip: Clip, *, truth: Truth | None = None) -> Path:
-    """Write the figure (PNG) of a recovery and the clip it came from, with a truth overlaid where one is given."""
+def summary(path: str | Path, recovery: Recovery, clip: Clip, *, truth: Truth | None = None, scale: Scale | None = None) -> Path:
+    """Write the figure (PNG) of a recovery and the clip it came from, with a truth overlaid where one is given; in the recovery's own scale where no other is given."""
+    scale = scale or recovery.scale
     window = _window(recovery, clip)
     above = _frames_height(recovery, clip.frames[0][window].shape)
     figure = Figure(figsize=(WIDTH_IN, above + PANELS_IN), layout="constrained")
     (top,), (bottom,) = figure.subfigures(2, 1, height_ratios=[above, PANELS_IN], hspace=0.03, squeeze=False)
     _draw_frames(top, recovery, clip, window)
     material, force = bottom.subplots(1, 2, width_ratios=[1, 1.25])
-    _draw_material(material, recovery, clip, truth)
-    _draw_force(force, recovery, clip.period_s, truth)
-    figure.suptitle(_headline(recovery), fontsize=12, color="#111111", x=0.01, ha="left", weight="bold")
+    _draw_material(material, recovery, clip, scale, truth)
+    _draw_force(force, recovery, clip.period_s, scale, truth)
+    figure.suptitle(_headline(recovery, scale), fontsize=12, color="#111111", x=0.01, ha="left", weight="bold")
     figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
     return Path(path)
 
@@ -53,26 +54,36 @@ def shown_frames(recovery: Recovery, count: int) -> list[int]:
     return [0] + [int(s[np.argmax(motion[s])]) for s in stretches]
 
 
-def _headline(recovery: Recovery) -> str:
+def _headline(recovery: Recovery, scale: Scale) -> str:
     quality = [
         f"{label} {recovery.metrics[key]:.1f} dB"
         for key, label in (("psnr_masked", "masked PSNR"), ("psnr_masked_frozen_frame", "frozen first frame"))
         if isinstance(recovery.metrics.get(key), float)
     ]
-    peak = np.linalg.norm(recovery.net_force(), axis=1).max()
-    return "   |   ".join([_parts_in_words(recovery), f"peak net force {peak:.3g} N" if recovery.force_identified else "force not identified", *quality])
+    return "   |   ".join([_parts_in_words(recovery, scale), _peak_in_words(recovery, scale), *quality])
 
 
-def _parts_in_words(recovery: Recovery) -> str:
-    return "E = " + ", ".join(pascals(young) for young in _young_by_part(recovery)[0])
+def _peak_in_words(recovery: Recovery, scale: Scale) -> str:
+    if not recovery.force_identified:
+        return "force not identified"
+    net, name, unit = recovery.net_quantity(scale)
+    return f"peak {name} {np.linalg.norm(net, axis=1).max():.3g} {unit}" if unit else "force relative: no length is told"
 
 
-def _young_by_part(recovery: Recovery) -> tuple[np.ndarray, np.ndarray]:
-    """Median Young's modulus [Pa] and sd of log10 by part; NaN where not identified."""
+def _parts_in_words(recovery: Recovery, scale: Scale) -> str:
+    values, _ = _stiffness_by_part(recovery, scale)
+    _, name, unit = recovery.stiffness(scale)
+    return f"{name} = " + ", ".join(in_words(value, unit) for value in values)
+
+
+def _stiffness_by_part(recovery: Recovery, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
+    """Medians by part of what a scale makes of the stiffness, NaN where not identified, and of the sd of its log10, NaN where it is a ratio of parts."""
     parts = [recovery.part == number for number in range(1, len(recovery.identified) + 1)]
-    young = np.array([np.median(recovery.young[here]) if here.any() else np.nan for here in parts])
-    sd = np.array([np.median(recovery.log10_young_sd[here]) if here.any() else np.nan for here in parts])
-    return np.where(recovery.identified, young, np.nan), sd
+    sd = recovery.log10_young_sd if scale.absolute else recovery.log10_specific_sd if scale.length else np.full(len(recovery.part), np.nan)
+    return (
+        np.array([np.median(recovery.stiffness(scale).values[here]) if here.any() else np.nan for here in parts]),
+        np.array([np.median(sd[here]) if here.any() else np.nan for here in parts]),
+    )
 
 
 def _frames_height(recovery: Recovery, shape: tuple[int, ...]) -> float:
@@ -105,10 +116,10 @@ def _window(recovery: Recovery, clip: Clip) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _draw_material(axes: Axes, recovery: Recovery, clip: Clip, truth: Truth | None) -> None:
+def _draw_material(axes: Axes, recovery: Recovery, clip: Clip, scale: Scale, truth: Truth | None) -> None:
     pixels, depth = clip.camera.project(recovery.points)
     order = np.argsort(-depth)
-    young = np.where(recovery.identified[recovery.part - 1], recovery.young, np.nan)
+    young, name, unit = recovery.stiffness(scale)
     low, high = stiffness_range(young)
     colours = ListedColormap(ramp(np.linspace(0, 1, 256)) / 255.0).with_extremes(bad=tuple(ramp(np.array(np.nan)) / 255.0))
     x, y = pixels[order].T
@@ -119,44 +130,48 @@ def _draw_material(axes: Axes, recovery: Recovery, clip: Clip, truth: Truth | No
     axes.invert_yaxis()
     axes.axis("off")
     axes.margins(0.05)
-    axes.set_title("material at rest: log10 of Young's modulus [Pa] (black rings: clamped)", **_STYLE)
+    axes.set_title(f"material at rest: log10 of {_named(name, unit)} (black rings: clamped)", **_STYLE)
     bar = axes.figure.colorbar(dots, ax=axes, shrink=0.75, pad=0.02)
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=8, length=2)
     axes.text(
-        0.0, -0.02, _material_words(recovery, truth), transform=axes.transAxes, fontsize=9, color="#333333", va="top", linespacing=1.5
+        0.0, -0.02, _material_words(recovery, scale, truth), transform=axes.transAxes, fontsize=9, color="#333333", va="top", linespacing=1.5
     )
 
 
-def _material_words(recovery: Recovery, truth: Truth | None) -> str:
-    lines = []
-    for number, (young, sd) in enumerate(zip(*_young_by_part(recovery), strict=True), 1):
-        words = f"part {number}: {pascals(young)}"
+def _named(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _material_words(recovery: Recovery, scale: Scale, truth: Truth | None) -> str:
+    lines, unit = [], recovery.stiffness(scale).unit
+    for number, (young, sd) in enumerate(zip(*_stiffness_by_part(recovery, scale), strict=True), 1):
+        words = f"part {number}: {in_words(young, unit)}"
         if np.isfinite(young) and np.isfinite(sd):
-            words += f"  (68 %: {pascals(young / 10**sd)} to {pascals(young * 10**sd)})"
+            words += f"  (68 %: {in_words(young / 10**sd, unit)} to {in_words(young * 10**sd, unit)})"
         if truth is not None and number <= len(truth.young):
             true = truth.young[number - 1]
             words += f"   true {pascals(true)}" + (f", {100 * (young / true - 1):+.1f} %" if np.isfinite(young) else "")
         lines.append(words)
-    return "\n".join(lines)
+    return "\n".join(lines if scale.absolute else [*lines, scale.words])
 
 
-def _draw_force(axes: Axes, recovery: Recovery, period_s: float, truth: Truth | None) -> None:
-    net = recovery.net_force()
+def _draw_force(axes: Axes, recovery: Recovery, period_s: float, scale: Scale, truth: Truth | None) -> None:
+    net, name, unit = recovery.net_quantity(scale)
     edges = np.arange(len(net) + 1) * period_s  # force[k] acts from t_k to t_k+1
     size = np.linalg.norm(net, axis=1)
     _shade(axes, edges, size > ACTIVE_SHARE * max(float(size.max()), 1e-30))
     axes.axhline(0, color="#bbbbbb", linewidth=0.8)
-    for component, (name, colour) in enumerate(zip("xyz", COMPONENTS, strict=True)):
-        axes.stairs(net[:, component], edges, color=colour, linewidth=1.8, label=f"F{name}", baseline=None)
+    for component, (axis, colour) in enumerate(zip("xyz", COMPONENTS, strict=True)):
+        axes.stairs(net[:, component], edges, color=colour, linewidth=1.8, label=axis, baseline=None)
         if truth is not None:
             true = truth.net_force[:, component]
             axes.stairs(true, np.arange(len(true) + 1) * period_s, color=colour, linewidth=1.1, linestyle=(0, (3, 2)), baseline=None)
     if truth is not None:
         axes.plot([], [], color=NET, linewidth=1.1, linestyle=(0, (3, 2)), label="truth")
-    axes.set_title("net force on the object, world frame" + ("" if recovery.force_identified else " (not identified)"), **_STYLE)
+    axes.set_title(f"{name}, world frame" + ("" if recovery.force_identified else " (not identified)"), **_STYLE)
     axes.set_xlabel("time [s]", **_STYLE)
-    axes.set_ylabel("force [N]", **_STYLE)
+    axes.set_ylabel(_named(name, unit), **_STYLE)
     axes.set_xlim(0, edges[-1])
     axes.tick_params(labelsize=8, colors="#333333")
     axes.spines[["top", "right"]].set_visible(False)

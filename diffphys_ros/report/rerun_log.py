@@ -17,7 +17,7 @@ from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from ..colours import COMPONENTS, stiffness_colours
 from ..errors import InputError
-from ..types import Camera, Clip, Recovery, Splats
+from ..types import Camera, Clip, Recovery, Scale, Splats
 
 APPLICATION = "diffphys_ros"
 TIME = "time"  # the timeline
@@ -44,8 +44,7 @@ class Stream:
         else:
             self._rec.connect_grpc(viewer, default_blueprint=arranged)
         arranged.let_go()
-        for name, colour in zip("xyz", COMPONENTS, strict=True):
-            self._rec.log(f"net_force/{name}", rr.SeriesLines(colors=_rgb(colour), names=f"F{name} [N]", widths=2), static=True)
+        self.name_net_force("net force", "N")
         self._losses: list[float] = []
         self._shown = 0  # of the losses
 
@@ -105,8 +104,13 @@ class Stream:
         """Arrows (N, 3), already scaled to metres, from points (N, 3) [m]."""
         self._rec.log("world/force", rr.Arrows3D(origins=points, vectors=vectors, colors=(235, 110, 40)))
 
+    def name_net_force(self, name: str, unit: str) -> None:
+        """What the three time series of the net force are called, and their unit; empty for a ratio."""
+        for axis, colour in zip("xyz", COMPONENTS, strict=True):
+            self._rec.log(f"net_force/{axis}", rr.SeriesLines(colors=_rgb(colour), names=f"{name} {axis}" + (f" [{unit}]" if unit else ""), widths=2), static=True)
+
     def log_net_force(self, force: np.ndarray) -> None:
-        """Net force (3,) [N] as three time series."""
+        """Net force (3,), in the unit that it was named with, as three time series."""
         for name, value in zip("xyz", force, strict=True):
             self._rec.log(f"net_force/{name}", rr.Scalars(float(value)))
 
@@ -125,7 +129,7 @@ class Stream:
             self._shown = len(self._losses)
 
     def log_force_so_far(self, size: np.ndarray) -> None:
-        """Size of the net force by frame (T,) [N] while a fit runs, in the place of the one before."""
+        """Size of the net force by frame (T,) while a fit runs, in the place of the one before."""
         self._rec.log("force_so_far", rr.BarChart(size), static=True)
 
     def log_text(self, text: str) -> None:
@@ -202,11 +206,11 @@ def blueprint() -> Arrangement:
         rrb.Spatial2DView(origin="world/camera/image", name="input"), rrb.Spatial2DView(origin="rendered", name="rendered")
     )
     curves = rrb.Vertical(
-        rrb.TimeSeriesView(origin="net_force", name="net force [N]"),
+        rrb.TimeSeriesView(origin="net_force", name="net force"),
         rrb.Tabs(
             rrb.TextDocumentView(origin="summary", name="summary"),
             rrb.BarChartView(origin="loss", name="loss by iteration"),
-            rrb.BarChartView(origin="force_so_far", name="net force by frame [N], while fitting"),
+            rrb.BarChartView(origin="force_so_far", name="net force by frame, while fitting"),
             rrb.TextLogView(origin="log", name="log"),
         ),
     )
@@ -215,30 +219,32 @@ def blueprint() -> Arrangement:
     return Arrangement(layout, rrb.TimePanel(timeline=TIME, state="collapsed"), collapse_panels=True)
 
 
-def write_rrd(path: str | Path, recovery: Recovery, clip: Clip, splats: Splats | None = None) -> Path:
+def write_rrd(path: str | Path, recovery: Recovery, clip: Clip, splats: Splats | None = None, scale: Scale | None = None) -> Path:
     """Write a whole recovery as an .rrd file: input, render, particles coloured by stiffness, force, loss. Raises OSError.
 
     The file is made in memory, where it is smaller than the clip's frames: rerun waits for ever on a disc that is full.
     """
     with open(os.memfd_create("rrd"), "r+b") as memory, Path(path).open("wb") as file:
         with Stream(file=f"/proc/self/fd/{memory.fileno()}", recording_id=f"{clip.start_ns}") as stream:
-            log_recovery(stream, recovery, clip, splats=splats)
+            log_recovery(stream, recovery, clip, splats=splats, scale=scale)
         shutil.copyfileobj(memory, file)
     return Path(path)
 
 
-def log_recovery(stream: Stream, recovery: Recovery, clip: Clip, *, splats: Splats | None = None) -> None:
-    """Log a recovery and the clip it came from, every frame at its stamp."""
+def log_recovery(stream: Stream, recovery: Recovery, clip: Clip, *, splats: Splats | None = None, scale: Scale | None = None) -> None:
+    """Log a recovery and the clip it came from, every frame at its stamp; in the recovery's own scale where no other is given."""
+    scale = scale or recovery.scale
     stream.at(clip.start_ns)
     stream.log_camera(clip.camera, plane_m=float(np.linalg.norm(recovery.points.mean(0) - clip.camera.position)) * 1.6)
-    stream.log_document(_document(recovery))
+    stream.log_document(_document(recovery, scale))
     if splats is not None:
         stream.log_splats(splats)
     losses = recovery.metrics.get("loss_history")
     for loss in losses if isinstance(losses, (list, tuple)) else ():
         stream.log_loss(float(loss))
     colours, radius = stiffness_colours(recovery.young), point_radius(recovery.volume)
-    arrows, net = force_arrows(recovery.points, recovery.force, recovery.clamped), recovery.net_force()
+    arrows, (net, name, unit) = force_arrows(recovery.points, recovery.force, recovery.clamped), recovery.net_quantity(scale)
+    stream.name_net_force(name, unit)
     for frame, seconds in enumerate(clip.times):
         stream.at(clip.start_ns + round(seconds * 1e9))
         stream.log_image(clip.frames[frame])
@@ -268,11 +274,13 @@ def force_arrows(points: np.ndarray, force: np.ndarray, clamped: np.ndarray) -> 
     return index, some * scale
 
 
-def _document(recovery: Recovery) -> str:
-    rows = ["| part | Young's modulus [Pa] | sd of log10 | identified |", "|---|---|---|---|"]
+def _document(recovery: Recovery, scale: Scale) -> str:
+    values, name, unit = recovery.stiffness(scale)
+    all_sd = recovery.log10_young_sd if scale.absolute else recovery.log10_specific_sd
+    rows = [f"| part | {name}{f' [{unit}]' if unit else ''} | sd of log10 | identified |", "|---|---|---|---|"]
     for number, (known, reason) in enumerate(zip(recovery.identified, recovery.reasons, strict=True), 1):
         here = recovery.part == number
-        young, sd = (float(np.median(values[here])) if here.any() else float("nan") for values in (recovery.young, recovery.log10_young_sd))
+        young, sd = (float(np.median(of[here])) if here.any() else float("nan") for of in (values, all_sd))
         rows.append(f"| {number} | {young:.4g} | {sd:.3f} | {'yes' if known else 'no'}: {reason} |")
     return "\n".join([*rows, "", *(f"- {note}" for note in recovery.notes)])
 

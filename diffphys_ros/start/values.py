@@ -175,8 +175,9 @@ def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0
     if not wanted.any():
         return values
     lower = lower_bounds(fit.tail, fit.physics, _drawn_sd(fit.evidence, clamp_sd), wanted)
-    reasons = (f"{reason.removesuffix('.')}; E is at least {least:.2g} Pa." if np.isfinite(least) else reason for reason, least in zip(values.reasons, lower, strict=True))
-    return replace(values, young_lower=lower, reasons=tuple(reasons))
+    least, name, unit = fit.evidence.body.scale.stiffness(lower, values.density)
+    said = (f"{reason.removesuffix('.')}; {name} is at least {value:.2g} {unit}." if unit and np.isfinite(value) else reason for reason, value in zip(values.reasons, least, strict=True))
+    return replace(values, young_lower=lower, reasons=tuple(said))
 
 
 def _sd_of_tail(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ Frames of reference: `world` is the root of the camera's transform tree (z up wh
 optical frame (x right, y down, z forward; REP-103), `body` the object's own frame (see Body). `a_from_b` maps
 coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
 
-Reading order: poses, camera, labels, clip, tracks, outline, body, particles, prior, splats, start, initial_value, recovery.
+Reading order: poses, camera, labels, clip, tracks, outline, body, particles, prior, splats, start, initial_value, scale, recovery.
 """
 
 from .body import Body, Front
@@ -17,6 +17,7 @@ from .particles import Grid, Particles
 from .poses import transformed
 from .prior import MaterialPrior
 from .recovery import Recovery
+from .scale import TOLD, Quantity, Scale
 from .splats import Splats
 from .start import MaterialDoubt, StartValues
 from .tracks import Tracks
@@ -24,6 +25,7 @@ from .tracks import Tracks
 __all__ = [
     "IGNORE",
     "PROBLEMS",
+    "TOLD",
     "Body",
     "Camera",
     "Clip",
@@ -36,7 +38,9 @@ __all__ = [
     "ModalProblem",
     "MpmProblem",
     "Particles",
+    "Quantity",
     "Recovery",
+    "Scale",
     "Splats",
     "StartValues",
     "Swing",

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..inpaint import nearest_known
 from .poses import transformed
+from .scale import Scale
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,11 @@ class Body:
     def parts(self) -> int:
         """Number of parts."""
         return len(self.density)
+
+    @property
+    def scale(self) -> Scale:
+        """Whether density and lengths were told or measured."""
+        return Scale.of(self.sources)
 
     @property
     def volume_m3(self) -> float:

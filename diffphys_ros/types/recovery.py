@@ -10,6 +10,7 @@ from ..damping import Damping
 from .initial_value import ModalProblem, MpmProblem
 from .particles import Grid
 from .poses import transformed
+from .scale import Quantity, Scale
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Recovery:
     points: np.ndarray  # at rest [m], shape (N, 3)
     volume: np.ndarray  # [m^3], shape (N,)
     part: np.ndarray  # 1..n, shape (N,)
-    young: np.ndarray  # corrected for the grid's apparent stiffness [Pa], shape (N,)
+    young: np.ndarray  # corrected for the grid's apparent stiffness [Pa where `scale` is absolute, else at the density and size that were assumed], shape (N,)
     log10_young_sd: np.ndarray  # shape (N,)
     poisson: np.ndarray  # shape (N,)
     density: np.ndarray  # [kg/m^3], shape (N,)
@@ -27,7 +28,7 @@ class Recovery:
     density_sd: np.ndarray  # [kg/m^3], shape (N,); 0 where it was told
     young_lower: np.ndarray  # least modulus of a part that hardly strains, with 95 % [Pa], shape (N,); NaN where E is identified or no bound is known
     log10_specific_sd: np.ndarray  # of log10(young / density), shape (N,)
-    force: np.ndarray  # [N/m^3 of rest volume], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
+    force: np.ndarray  # [N/m^3 of rest volume, in the same sense], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
     clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces
     frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
@@ -59,5 +60,27 @@ class Recovery:
         return (problem.young if isinstance(problem, ModalProblem) else problem.young[~problem.ghost]).astype(float)
 
     def net_force(self) -> np.ndarray:
-        """Sum of force * volume over the unclamped particles [N], shape (T, 3)."""
+        """Sum of force * volume over the unclamped particles [N, in the sense of `force`], shape (T, 3)."""
         return np.einsum("tnc,n->tc", self.force.astype(float), self.volume * ~self.clamped)
+
+    @property
+    def scale(self) -> Scale:
+        """Whether E and force are absolute, and what of them is known where they are not."""
+        return Scale.of(self.metrics, "_source")
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass [kg, at the density and size that were told or assumed]."""
+        return float(self.density @ self.volume)
+
+    def known_young(self) -> np.ndarray:
+        """`young` (N,), NaN in parts that are not identified."""
+        return np.where(self.identified[self.part - 1], self.young, np.nan)
+
+    def stiffness(self, scale: Scale) -> Quantity:
+        """What a scale makes of `known_young`, (N,)."""
+        return scale.stiffness(self.known_young(), self.density)
+
+    def net_quantity(self, scale: Scale) -> Quantity:
+        """What a scale makes of `net_force`, (T, 3)."""
+        return scale.force(self.net_force(), self.mass_kg)

@@ -47,7 +47,7 @@ def test_examples_are_short_and_say_how_they_are_called() -> None:
 def test_the_answer_of_a_folder_is_read_with_its_spread(made_recovery: Recovery, made_clip: Clip, tmp_path: Path) -> None:
     result.save(made_recovery, made_clip, config.Settings(), tmp_path)
     lines = list(loaded(EXAMPLES / "read_the_answer.py").answer(tmp_path))
-    assert lines[0].startswith("part 1: E = 8e+04 Pa, with 68 % between 7.64e+04 and 8.38e+04 Pa")
+    assert lines[0].startswith("part 1: E = 8e+04 Pa, with 68 % between 7.64e+04 and 8.38e+04;")
     assert lines[1].startswith("part 2: E = 2e+04 Pa")
     assert lines[2:] == ["force not identified; nobody has judged the force.", "assumed: density assumed"]
 

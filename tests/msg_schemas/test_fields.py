@@ -11,6 +11,7 @@ from diffphys_ros import config, msg_schemas
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import clouds, fields, messages
 from diffphys_ros.msg_schemas.markers import DELETE_ALL
+from diffphys_ros.msg_schemas.recording import played
 from diffphys_ros.msg_schemas.thinning import thin
 from diffphys_ros.progress import ForceSoFar
 from diffphys_ros.types import Recovery
@@ -115,6 +116,49 @@ def test_the_scale_is_absolute_where_neither_density_nor_size_is_assumed(made_re
     assert (cloud["absolute"] == absolute).all()
 
 
+NO_MASS = {"density_source": "assumed: 1000 kg/m^3", "metric_scale_source": "depth topic"}
+NO_LENGTH = {"density_source": "mass_kg over the filled volume", "metric_scale_source": "unknown: the object is assumed 1 m away"}
+
+
+@pytest.mark.parametrize(("sources", "over_mass"), [(NO_MASS, True), (NO_LENGTH, False)])
+def test_no_pascals_and_no_newtons_are_published_from_an_assumed_density_or_size(made_recovery, made_clip, sources, over_mass):
+    found = answer(replace(made_recovery, metrics=sources), made_clip)
+    material, force, state = clouds.unpack(found.material_field()), clouds.unpack(found.force_field()), clouds.unpack(found.state(3))
+    assert np.isnan([material["young_modulus"], material["young_lower"]]).all()
+    assert np.isnan([rows[name].max() for rows in (force, state) for name in ("fx", "fy", "fz")]).all()
+    assert found.net_force(3) is None
+    assert "~/net_force" not in {m.topic for m in played(found, 3)}
+    said = [messages.values_of(s) for s in found.quality()["status"]]
+    assert all("nan" in (values.get("young_modulus"), values.get("peak_net_force")) and values["scale"].startswith("relative") for values in said)
+    assert np.isfinite(material["young_over_density"]).all() == np.isfinite(force["ax"]).all() == over_mass
+
+
+@pytest.mark.parametrize("sources", [NO_MASS, NO_LENGTH])
+def test_what_is_known_without_mass_and_size_is_published(made_recovery, made_clip, sources):
+    found = answer(replace(made_recovery, metrics=sources), made_clip)
+    material, force = clouds.unpack(found.material_field())[0], clouds.unpack(found.force_field())
+    np.testing.assert_allclose(material["young_relative"], np.where(made_recovery.part == 1, 1.0, 0.25), rtol=1e-6)
+    np.testing.assert_allclose(clouds.xyz(force, "r"), made_recovery.force * ~made_recovery.clamped[:, None] / np.abs(made_recovery.force).max(), atol=1e-6)
+    np.testing.assert_allclose(force["intensity"], np.linalg.norm(clouds.xyz(force, "r"), axis=-1), rtol=1e-5)
+    clouds.particles(found.force_field(), clouds.FIELD)  # a listener takes it
+    part, *_, net = (messages.values_of(s) for s in found.quality()["status"])
+    specific, acceleration = float(part["young_over_density"]), float(net["peak_net_force_over_mass"])
+    if sources is NO_MASS:
+        assert specific == pytest.approx(8e4 / 500)
+        assert acceleration == pytest.approx(np.linalg.norm(made_recovery.net_force(), axis=1).max() / made_recovery.mass_kg, rel=1e-5)
+    else:
+        assert np.isnan([specific, acceleration]).all()
+
+
+def test_an_assumed_scale_passes_for_a_known_one_where_that_is_allowed(made_recovery, made_clip):
+    assumed = replace(made_recovery, metrics=NO_MASS)
+    told, allowed = answer(made_recovery, made_clip), answer(assumed, made_clip, publish__allow_assumed_scale=True)
+    assert allowed.material_field() == told.material_field()
+    assert allowed.force_field() == told.force_field()
+    assert allowed.net_force(3) == told.net_force(3)
+    assert fields.limited(allowed, config.build({})).net_force(3) is None
+
+
 @pytest.mark.parametrize("name", ["force_field", "state"])
 def test_the_intensity_of_a_force_is_its_size(made_recovery, made_clip, name):
     found = answer(varied(made_recovery), made_clip)
@@ -216,8 +260,8 @@ def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery,
     statuses = answer(told, made_clip).quality()["status"]
     *statuses, force = statuses
     assert len(statuses) == 2
-    assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source"]
-    keys = ["identified", "reason", "young_modulus", "log10_young_sd", "density_source", "metric_scale_source"]
+    assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source", "peak_net_force_over_mass", "scale"]
+    keys = ["identified", "reason", "young_modulus", "log10_young_sd", "density_source", "metric_scale_source", "young_over_density", "young_relative", "scale"]
     assert [list(messages.values_of(s)) for s in statuses] == [keys, keys]
     assert [s["level"] for s in statuses] == [messages.OK, messages.WARN]
     assert messages.values_of(statuses[1])["young_modulus"] == "nan"
@@ -235,12 +279,15 @@ def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_cli
 
 def test_the_force_so_far_times_its_volume_is_the_net_force():
     net = np.random.default_rng(0).normal(size=(5, 3))
-    message = fields.force_so_far(ForceSoFar(10**9, 0.1, "world", (1.0, 2.0, 3.0), 4e-4, tuple(map(tuple, net.tolist()))))
-    rows = clouds.particles(message, clouds.FORCE)
+    so_far = ForceSoFar(10**9, 0.1, "world", (1.0, 2.0, 3.0), 4e-4, tuple(map(tuple, net.tolist())), 0.2, density_told=True, length_told=True)
+    rows = clouds.particles(fields.force_so_far(so_far), clouds.FIELD)
     assert rows.shape == (5, 1)
     np.testing.assert_allclose((clouds.xyz(rows, "f") * rows["volume"][..., None]).sum(1), net, rtol=1e-6)
     np.testing.assert_allclose(rows["t"][:, 0], np.arange(5) * 0.1, rtol=1e-6)
     assert [rows[axis][0, 0] for axis in "xyz"] == [1, 2, 3]
+    untold = clouds.particles(fields.force_so_far(replace(so_far, density_told=False)), clouds.FIELD)
+    assert np.isnan(untold["fx"]).all()
+    np.testing.assert_allclose(clouds.xyz(untold, "a")[:, 0], net / 0.2, rtol=1e-6)
 
 
 def test_progress_has_the_documented_keys():
@@ -255,8 +302,8 @@ def test_a_recording_begins_with_what_is_latched_and_goes_on_in_time_under_the_n
     latched = [f"/{name}/{topic}" for topic in ("material_field", "force_field", "stiffness_markers", "quality")]
     assert [m.topic for m in recorded[:5]] == ["/tf_static", *latched]
     assert (np.diff([m.stamp_ns for m in recorded]) >= 0).all()
-    for played in ("rendered", "camera_info"):
-        assert sum(m.topic == f"/{name}/{played}" for m in recorded) == len(made_recovery.force)
+    for each in ("rendered", "camera_info"):
+        assert sum(m.topic == f"/{name}/{each}" for m in recorded) == len(made_recovery.force)
     assert recorded[4].fields["status"][0]["name"] == f"{name.split('/')[-1]}: part 1"
 
 

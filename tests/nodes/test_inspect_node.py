@@ -87,7 +87,7 @@ def test_loss_and_fields_are_shown_while_they_come(teller, made_recovery, made_c
     t = teller(file=tmp_path / "all.rrd")
     t.tell_clip(made_clip)
     t.tell("~/progress", fields.progress(1, stage="fit", iteration=0, iterations=3, loss=0.5))
-    t.tell("~/force_so_far", fields.force_so_far(ForceSoFar(made_clip.start_ns, made_clip.period_s, "world", (0.0, 0.0, 0.0), 4e-5, ((0.0, 0.0, 1.5),) * 12)))
+    t.tell("~/force_so_far", fields.force_so_far(ForceSoFar(made_clip.start_ns, made_clip.period_s, "world", (0.0, 0.0, 0.0), 4e-5, ((0.0, 0.0, 1.5),) * 12, 0.1, density_told=True, length_told=True)))
     answer = fields.answer(made_recovery, made_clip, config.build({}))
     for name in ("~/material_field", "~/force_field"):
         t.tell(name, getattr(answer, name[2:])())

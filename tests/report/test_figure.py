@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffphys_ros.types import Clip, Recovery
+from diffphys_ros.types import TOLD, Clip, Recovery
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from matplotlib.figure import Figure
@@ -57,8 +57,30 @@ def test_a_recovery_without_renders_still_has_a_figure(tmp_path: Path, made_reco
 
 
 def test_a_force_that_is_not_known_is_no_headline(made_recovery: Recovery) -> None:
-    assert "force not identified" in figure._headline(made_recovery)
-    assert "peak net force" in figure._headline(dataclasses.replace(made_recovery, force_identified=True))
+    assert "force not identified" in figure._headline(made_recovery, TOLD)
+    assert "peak net force" in figure._headline(dataclasses.replace(made_recovery, force_identified=True), TOLD)
+
+
+@pytest.mark.parametrize(
+    ("density", "length", "said"),
+    [
+        ("assumed: 1000 kg/m^3", "depth topic", ("E/density = 160 m^2/s^2, 40 m^2/s^2", "net force over mass [m/s^2]", "nobody told a mass or a density")),
+        ("mass_kg over the filled volume", "unknown: the object is assumed 1 m away", ("E over the largest = 1, 0.25", "net force over its peak", "nobody told a length")),
+    ],
+)
+def test_the_figure_has_no_pascals_and_newtons_where_mass_or_size_are_assumed(
+    made_recovery: Recovery, made_clip: Clip, monkeypatch: pytest.MonkeyPatch, density: str, length: str, said: tuple[str, ...]
+) -> None:
+    shown: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: shown.append(self))
+    untold = dataclasses.replace(made_recovery, force_identified=True, metrics={"density_source": density, "metric_scale_source": length})
+    figure.summary("nowhere.png", untold, made_clip)
+    figure.summary("nowhere.png", untold, made_clip, scale=TOLD)
+    words, allowed = (" | ".join(text.get_text() for text in drawn.findobj(Text)) for drawn in shown)
+    assert all(each in words for each in said)
+    assert not any(each in words for each in ("Pa", " N ", "[N]"))
+    assert "80 kPa" in allowed
+    assert "[N]" in allowed
 
 
 def test_shown_frames_are_those_that_moved_most(made_recovery: Recovery) -> None:

@@ -19,11 +19,12 @@ from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, setting
 
 
 def found(*young: float, **told: object) -> StartValues:
-    """Of a bar with moduli [Pa] from the clamp outwards, of which no density is told unless one is."""
+    """Of a bar of a known mass with moduli [Pa] from the clamp outwards, of whose parts no density is told unless one is."""
     truth = modes_of(bar(edges=EDGES), np.array(young), finer=0.85, count=12)
-    return start_values(bar(edges=EDGES), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True, **({"density_kg_m3": None} | told)))[0]
+    return start_values(replace(bar(edges=EDGES), sources=WEIGHED), tracks(truth, motion(truth, np.array(young), gust())), PERIOD_S, settings(at_rest=True, **({"density_kg_m3": None} | told)))[0]
 
 
+WEIGHED = {"density": "mass_kg over the filled volume", "metric_scale": "depth topic"}
 EDGES = (0.24,)  # the outer part is a fifth of the bar: its tip, which bends hardly at all
 
 
@@ -34,6 +35,17 @@ def test_a_tip_that_hardly_bends_is_at_least_as_stiff_as_said_and_not_ten_times_
     assert np.isnan(start.young_lower[0])
     assert least < start.young_lower[1] / (ratio * YOUNG[0]) < 1
     assert f"hardly strains in the free motion; E is at least {start.young_lower[1]:.2g} Pa." in start.reasons[1]
+
+
+def test_a_bound_in_pascals_needs_a_mass_and_one_of_stiffness_over_density_a_length() -> None:
+    young = np.array([YOUNG[0], 3 * YOUNG[0]])
+    truth = modes_of(bar(edges=EDGES), young, finer=0.85, count=12)
+    seen = tracks(truth, motion(truth, young, gust()))
+    unweighed, far = (replace(bar(edges=EDGES), sources=WEIGHED | {name: "assumed"}) for name in ("density", "metric_scale"))
+    of_mass, of_nothing = (start_values(body, seen, PERIOD_S, settings(at_rest=True, density_kg_m3=None))[0].reasons[1] for body in (unweighed, far))
+    assert "; E/density is at least" in of_mass
+    assert "m^2/s^2" in of_mass
+    assert "at least" not in of_nothing
 
 
 @pytest.mark.slow
