@@ -17,6 +17,7 @@ from ..config import Settings
 from ..errors import InputError
 from ..picture import along_border, extent_px, length_at_unit_depth
 from ..progress import Progress
+from ..start.values import widened
 from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mask
 
 if TYPE_CHECKING:
@@ -229,6 +230,6 @@ def _slope(places: list[float], found: list[Hung]) -> float:
 
 def with_hanging(start: StartValues, hanging: Hanging) -> StartValues:
     """Start values with what the clamp's place and the depth leave open of E, and said to be relative where no length is told."""
-    extra = hanging.log10_young_sd
+    start = widened(start, hanging.log10_young_sd, "where it is held, behind the line that is told or seen, is not known well enough")
     reasons = start.reasons if hanging.length_told else tuple(f"{r.removesuffix('.')}; no length is told, so E holds relative to the object's size alone." for r in start.reasons)
-    return replace(start, log10_young_sd=np.hypot(start.log10_young_sd, extra), geometry_sd=np.hypot(start.geometry_sd, extra), reasons=reasons)
+    return replace(start, reasons=reasons)

@@ -17,19 +17,19 @@ from ..linear_systems import inverted
 from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
 from .free_tail import Physics, Tail
-from .uncertainty import SHAPE_SD, Bend, excess_of
+from .uncertainty import SHAPE_SD, Bend, contradiction, excess_of
 
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700 [chosen]
 POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more [derived: standard deviation of an even spread]
 
 
-def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float) -> MaterialDoubt:
+def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> MaterialDoubt:
     """Of the parts of a body; `contrast` is the standard deviation of ln(density) of a part where none was given, and the mass of all stays as it
-    is. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
+    is. `detune` (k,): by how much the frequencies of the modes are off. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
     by_density, by_poisson = mode_changes(tail, physics, body)
-    changes, poisson_sd = _untold(tail, physics, bend, body, scene, contrast)
+    changes, poisson_sd = _untold(tail, physics, bend, body, scene, contrast, detune)
     if bend is None:
         young_by_density, young_by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in (by_density, by_poisson))
     else:
@@ -61,12 +61,12 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     return -kinetic / kinetic.sum(1, keepdims=True), elastic / squares[:, None]
 
 
-def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
+def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Changes (n, n) of ln(density) of all parts by one standard deviation of each of what is left open, which are independent, and standard
     deviations (n,) of Poisson's ratios."""
     changes = (0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body)
     if bend is not None:
-        changes = changes @ _left_open(tail, physics, bend, _misfit_by_density(tail, physics, body) @ changes)
+        changes = changes @ _left_open(tail, physics, bend, _misfit_by_density(tail, physics, body) @ changes, contradiction(bend, detune))
     return changes, _poisson_sd(body, scene)
 
 
@@ -105,15 +105,17 @@ def _misfit_by(tail: Tail, physics: Physics, change: np.ndarray) -> np.ndarray:
     return differences(misfit, np.zeros(change.shape[1]))
 
 
-def _left_open(tail: Tail, physics: Physics, bend: Bend, slope: np.ndarray) -> np.ndarray:
+def _left_open(tail: Tail, physics: Physics, bend: Bend, slope: np.ndarray, contradicted: float) -> np.ndarray:
     """Square root (m, m) of the covariance of unknowns with a unit normal prior, whose derivatives of the misfit are (K d, m), where all that the
-    tail is fitted with is free as well and the shape of each mode is known to SHAPE_SD only, which is the same error in all frames."""
+    tail is fitted with is free as well and the shape of each mode is known to SHAPE_SD only, which is the same error in all frames. Frequencies that are off by
+    `contradicted` times what is allowed for may be off by as much more, and tell densities the less."""
     swings = tail.swings(physics) * SHAPE_SD / tail.sigma_m
     square, turn = np.linalg.eigh(np.eye(len(swings)) * excess_of(tail, physics) ** 2 + swings @ swings.T)
     slope, jacobian = ((turn / np.sqrt(square)).T @ each.reshape(len(swings), -1) for each in (slope, bend.jacobian))
     slope, jacobian = slope.reshape(len(tail.data) * tail.data.shape[1], -1), jacobian.reshape(len(bend.jacobian), -1)
-    shared = jacobian.T @ slope
-    told = slope.T @ slope - shared.T @ inverted(jacobian.T @ jacobian + bend.prior.T @ bend.prior) @ shared
+    shared, prior = jacobian.T @ slope, bend.prior.copy()
+    prior[len(prior) - len(physics.detune) :] /= contradicted
+    told = slope.T @ slope - shared.T @ inverted(jacobian.T @ jacobian + prior.T @ prior) @ shared
     return np.linalg.cholesky(np.linalg.inv(np.eye(len(told)) + 0.5 * (told + told.T)))
 
 

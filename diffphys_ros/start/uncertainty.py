@@ -29,13 +29,18 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
     variance = np.diag(covariance)[:parts]
     variance = np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
-    fit_sd = inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :]) * np.sqrt(variance) / np.log(10.0)
+    fit_sd = contradiction(bend, detune) * np.sqrt(variance) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
 def excess_of(tail: Tail, physics: Physics) -> float:
     """Misfit of the tail over what a frame may miss; at least 1."""
     return max(tail.missed_m(physics) / tail.sigma_m, 1.0)
+
+
+def contradiction(bend: Bend, detune: np.ndarray) -> float:
+    """By how much frequencies that are off by `detune` (k,) contradict each other, over what is allowed for; at least 1."""
+    return inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :])
 
 
 def inconsistency(detune: np.ndarray, variance: np.ndarray) -> float:

@@ -22,7 +22,7 @@ from .free_tail import FREQUENCY_SD, Physics, Tail
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import Bend, detuning_log10_sd, log10_young_sd, of_held_modes, outline_sd
+from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_held_modes, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing [chosen]
@@ -141,7 +141,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(detune)))
     residual = tail.missed_m(fit.physics)
     bend = Bend.of(tail, fit.physics) if free else None
-    doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast)
+    doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune)
     geometry_sd = np.hypot(_drawn_sd(evidence, clamp_sd), doubt.of_young)
     sd = _sd_of_tail(tail, fit.physics, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))
@@ -168,6 +168,15 @@ def _drawn_sd(evidence: Evidence, clamp_sd: np.ndarray | float) -> np.ndarray:
     return np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), clamp_sd)
 
 
+def widened(values: StartValues, extra: float, why: str) -> StartValues:
+    """With one more standard deviation of log10 E of all parts, of what the body's shape leaves open; a part that is known too badly with it is not identified,
+    because of `why`, a clause."""
+    sd = np.hypot(values.log10_young_sd, extra)
+    lost = values.identified & (sd > WIDEST_SD)
+    reasons = tuple(f"log10 E is known to +-{s:.2f} only: {why}." if gone else reason for s, gone, reason in zip(sd, lost, values.reasons, strict=True))
+    return replace(values, log10_young_sd=sd, geometry_sd=np.hypot(values.geometry_sd, extra), identified=values.identified & ~lost, reasons=reasons)
+
+
 def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0) -> StartValues:
     """With the least moduli of parts whose own are not known though the modes explain the free motion."""
     explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING * FREQUENCY_SD
@@ -183,7 +192,7 @@ def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0
 def _sd_of_tail(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): what a fit of the free frames leaves open, whose modes were off by `detune` (k,) or held."""
     beyond = detuning_log10_sd(float(np.abs(detune).max(initial=0.0))) if tail.detuned else of_held_modes(tail, physics, bend)
-    return np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond)
+    return np.minimum(np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond), OPEN_SD)
 
 
 def sd_of_guess(evidence: Evidence) -> np.ndarray:

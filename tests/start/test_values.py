@@ -12,6 +12,7 @@ from diffphys_ros.footprints import gaussian
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import start_values
 from diffphys_ros.start.free_tail import FREQUENCY_SD
+from diffphys_ros.start.values import widened
 from diffphys_ros.types import Body, StartValues, Tracks
 from tests.made_bar import BETA, FORCED, FRAMES, LENGTH, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
 
@@ -233,3 +234,12 @@ def test_an_outline_is_no_surer_of_its_one_mode_than_a_mode_can_be_known():
     start = start_values(body, seen, PERIOD_S, settings(at_rest=True), camera=camera())[0]
     assert 2 * FREQUENCY_SD / np.log(10) < start.log10_young_sd[0] < 0.03
     assert abs(np.log10(start.young[0] / YOUNG[0])) < start.log10_young_sd[0]
+
+
+def test_a_part_that_the_shape_leaves_open_is_not_identified(start):
+    little, much = (widened(start, extra, "the clamp is not seen") for extra in (0.05, 0.4))
+    assert little.identified.all()
+    assert little.reasons == start.reasons
+    np.testing.assert_allclose(little.log10_young_sd, np.hypot(start.log10_young_sd, 0.05))
+    assert not much.identified.any()
+    assert much.reasons[0].endswith("only: the clamp is not seen.")
