@@ -24,7 +24,7 @@ SECONDS = 1.0  # that are predicted [chosen]
 FIRST_SHARE, LEAST_FIRST, MOST_FIRST = 0.14, 4, 7  # of a period, and frames, that pose and velocity of the first are read from, by a parabola [chosen]
 SPRING = 1.0  # of a point, over E / density: a tip bent by 60 degrees then lies .1 px off its edges, at .1 one pixel and more [chosen]
 ROUNDS, SETTLED_PX = 8, 0.02  # of casting normals anew, and the change that ends them [numerical]
-REACH_PX = 14.0  # of an edge from where the last two frames lead one to expect it [chosen]
+REACH_PX = 14.0  # of an edge from where the frame before leads one to expect it [chosen]
 BORDER_PX = 4.0  # of the picture, within which no edge counts [chosen]
 ALONG = (0.25, 0.75)  # where on a side of an element edges are looked for [numerical]
 LEAST_SEEN = 0.5  # of the points, of which an edge must be seen for a frame to count [chosen]
@@ -33,6 +33,7 @@ GIVES = 0.5  # share of the modulus over the strain, for differences [numerical]
 SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequency falls with the swing, and the share of the swing that counts as small [numerical]
 TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it [chosen]
 STEPS_A_PERIOD = 90.0  # of the integration, at the least [numerical]
+LEADING_STEPS = 40.0  # a period, where the next picture shows how far off they lead [numerical]
 LEAST_SWING_PX = 1.0  # of the tip: less is no large swing [chosen]
 
 
@@ -83,6 +84,7 @@ class Follower:
     to_picture: np.ndarray  # (3, 2): of plane coordinates x, y, 1 [px]
     level: np.ndarray  # grey level of the edge at each point, (P,)
     contrast: np.ndarray  # (P,)
+    aside: np.ndarray  # of the object's centroid from where it is at rest in each frame [px], (T, 2)
     from_rest: int  # frame in which it passes rest
 
     @classmethod
@@ -99,10 +101,11 @@ class Follower:
         corners = np.array([[0.0, 0.0, height], [1.0, 0.0, height], [0.0, 1.0, height]])
         pixels = seen.clip.camera.project(body.to_world(corners))[0]
         to_picture = np.stack([pixels[1] - pixels[0], pixels[2] - pixels[0], pixels[0]])
-        begun = cls(unloaded, whole, load, specific, rest, to_picture, np.zeros(0), np.zeros(0), 0)
+        aside = _aside(whole, seen.hanging.rest_frame)
+        begun = cls(unloaded, whole, load, specific, rest, to_picture, np.zeros(0), np.zeros(0), aside, _passes_rest(aside))
         points, normals, _ = begun.edges(rest)
         level, contrast = edge_levels(seen.clip.frames[0], points, normals)
-        return cls(unloaded, whole, load, specific, rest, to_picture, level, contrast, _passes_rest(whole, seen))
+        return replace(begun, level=level, contrast=contrast)
 
     def tuned(self, hz: float) -> Follower:
         """The same at the modulus at which its own small swing has the calm part's frequency: what its elements are off by must not add up over
@@ -177,21 +180,57 @@ class Follower:
 
     def poses(self, count: int) -> np.ndarray | None:
         """Displacements (count, 2 N) in the first frames; None where the outline is lost."""
-        found: dict[int, np.ndarray] = {}
-        last = max(count, self.from_rest + 1)
-        for frames in (range(self.from_rest, last), range(self.from_rest - 1, -1, -1)):
-            step = 1 if frames.step > 0 else -1
+        begin, period_s = self.from_rest, self.whole.period_s
+        hz, mode = self._mode_by_centroid()
+        expected = self.rest + mode @ self.aside[begin]
+        around = np.clip([begin - 1, begin + 1], 0, len(self.aside) - 1)
+        v = mode @ np.subtract(*self.aside[around[::-1]]) / max(np.ptp(around) * period_s, period_s)
+        first = self.laid_onto(self.whole.frames[begin], expected)
+        if first is None:
+            return None
+        found = {begin: first}
+        for frames, velocity in ((range(begin + 1, count), v), (range(begin - 1, -1, -1), -v)):
+            pose = first
             for k in frames:
-                before = found.get(k - step, self.rest)
-                expected = 2 * before - found[k - 2 * step] if k - 2 * step in found else before
-                pose = self.laid_onto(self.whole.frames[k], expected)
-                if pose is None:
+                expected, velocity = self._a_frame_on(pose, velocity, hz)
+                seen = self.laid_onto(self.whole.frames[k], expected)
+                if seen is None:
                     return None
-                found[k] = pose
+                velocity = velocity + (seen - expected) / period_s
+                found[k] = pose = seen
         return np.stack([found[k] for k in range(count)])
+
+    def _a_frame_on(self, u: np.ndarray, v: np.ndarray, hz: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pose and velocity (2 N,) a frame later, let go: at few frames a second no line through the poses before leads to the edges."""
+        from ..elements.plane import DivergedError
+
+        period_s = self.whole.period_s
+        steps = max(int(np.ceil(LEADING_STEPS * hz * period_s)), 1)
+        try:
+            path = self.plane.march(self.specific, self.load, u, v, drag_per_s=0.0, step_s=period_s / steps, steps=steps + 1)
+        except DivergedError:
+            return u + period_s * v, v
+        return path[steps], (path[steps + 1] - path[steps - 1]) * steps / (2 * period_s)
+
+    def _mode_by_centroid(self) -> tuple[float, np.ndarray]:
+        """Frequency of the leading mode [Hz], and displacements along it by a motion of the centroid of what the picture shows [1/px], (2 N, 2)."""
+        hz, mode = self.plane.slowest(self.specific, self.load, self.rest)
+        place = (self.plane.nodes + self.rest.reshape(-1, 2)) @ self.to_picture[:2] + self.to_picture[2]
+        shown = ((place >= 0) & (place < np.array(self.whole.frames.shape[2:0:-1]))).all(1)
+        weight = np.where(shown, np.asarray(self.plane.mass.sum(1)).ravel()[::2], 0.0)
+        centroid = weight @ mode.reshape(-1, 2) / weight.sum() @ self.to_picture[:2]
+        return hz, np.outer(mode, centroid / (centroid @ centroid))
 
     def laid_onto(self, frame: np.ndarray, start: np.ndarray) -> np.ndarray | None:
         """The pose in a picture near an expected one; None where too little of its outline is seen."""
+        from ..elements.plane import DivergedError
+
+        try:
+            return self._laid_onto(frame, start)
+        except DivergedError:  # by edges of something else
+            return None
+
+    def _laid_onto(self, frame: np.ndarray, start: np.ndarray) -> np.ndarray | None:
         from ..outline import edge_distances
 
         u, free = start, self.plane.free
@@ -233,15 +272,18 @@ def _tip_amplitude(seen: Outlined) -> float:
     return float(np.sqrt(2 * far)) * TIP_OVER_LAST
 
 
-def _passes_rest(whole: Clip, seen: Outlined) -> int:
-    """The first frame in which the object passes its pose at rest."""
+def _aside(whole: Clip, rest_frame: int) -> np.ndarray:
+    """How far the object's centroid is from where it is in a frame (T, 2) [px]."""
     assert whole.labels is not None
-    assert seen.clip.labels is not None
     inside = object_mask(whole.labels)
     size = np.maximum(inside.sum((1, 2)), 1)
     centre = np.stack([(inside.sum(axis) @ np.arange(inside.shape[3 - axis])) / size for axis in (1, 2)], 1)
-    aside = centre - centre[seen.hanging.rest_frame]
+    return np.asarray(centre - centre[rest_frame])
+
+
+def _passes_rest(aside: np.ndarray) -> int:
+    """The first frame in which the object passes its pose at rest."""
     along = aside @ np.linalg.svd(aside - aside.mean(0), full_matrices=False)[2][0]
     crossing = np.flatnonzero(along[:-1] * along[1:] <= 0)
-    k = int(crossing[0]) if len(crossing) else seen.hanging.rest_frame
+    k = int(crossing[0]) if len(crossing) else int(np.abs(along).argmin())
     return k if abs(along[k]) <= abs(along[min(k + 1, len(along) - 1)]) else k + 1

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from ..types import Clip, object_mask
-from .edges import Outline, distances, grey_of, outline_of
+from .edges import Outline, distances, edge_levels, grey_of, outline_of
 
 NEAR, CLOSE = 24, 0.35  # frames nearest to rest, over which is averaged; of the widest swing that they may be aside [chosen]
 REACH_PX = 15.0  # that an edge may lie off its place in frame 0 in them [chosen]
@@ -27,8 +27,23 @@ def rest_outline(clip: Clip) -> Outline:
     swing = _swing(inside)
     aside = np.where(clip.seen, np.abs(swing), np.inf)
     near = np.argsort(aside, kind="stable")[: max(min(NEAR, int((aside <= CLOSE * np.abs(swing).max()).sum())), 1)]
-    seen = np.stack([distances(grey_of(clip.frames[k]), outline.pixels, outline.normals, outline.level, REACH_PX, outline.contrast) for k in near])
+    outline = _leveled(outline, clip.frames[near])
+    seen = _seen(outline, clip.frames[near])
     return replace(outline, pixels=outline.pixels + _at_rest(seen, swing[near], outline)[:, None] * outline.normals)
+
+
+def _seen(outline: Outline, frames: np.ndarray) -> np.ndarray:
+    """Distances (K, P) [px] of an outline's edges in RGB frames (K, H, W, 3)."""
+    return np.stack([distances(grey_of(frame), outline.pixels, outline.normals, outline.level, REACH_PX, outline.contrast) for frame in frames])
+
+
+def _leveled(outline: Outline, frames: np.ndarray) -> Outline:
+    """With the levels half way between inside and outside that RGB frames (K, H, W, 3) have, not frame 0 alone: a compressed one has them wrong by a grey
+    level or two, and with them its edges all to one side."""
+    places = outline.pixels + np.nan_to_num(_seen(outline, frames))[..., None] * outline.normals
+    level, contrast = np.median([edge_levels(frame, place, outline.normals) for frame, place in zip(frames, places, strict=True)], axis=0)
+    unknown = (outline.contrast == 0) | ~np.isfinite(level) | ~np.isfinite(contrast)
+    return replace(outline, level=np.where(unknown, outline.level, level), contrast=np.where(unknown, outline.contrast, contrast))
 
 
 def _at_rest(seen: np.ndarray, swing: np.ndarray, outline: Outline) -> np.ndarray:

@@ -12,6 +12,7 @@ from diffphys_ros.bags.camera import camera_from_fov
 from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse import prepare
 from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.inverse.swing import Follower, _aside, _passes_rest
 from diffphys_ros.outline import covered
 from diffphys_ros.progress import finished
 from diffphys_ros.types import Clip
@@ -22,19 +23,25 @@ FPS, FRAMES, DRAG, PUSH = 90.0, 180, 3.0, 4.0  # push aside [m/s^2], before it i
 SIZE = (128, 150)
 
 
+def drawn(plane: FlatSolid, u: np.ndarray, size: tuple[int, int], px_per_m: float, fps: float) -> Clip:
+    """A film of poses u (T, 2 N)."""
+    x, y = plane.nodes.T
+    sides = [np.flatnonzero(sign * y > WIDTH / 2 - 5e-4) for sign in (-1, 1)]
+    ring = np.concatenate([sides[0][np.argsort(x[sides[0]])], sides[1][np.argsort(-x[sides[1]])]])
+    places = (plane.nodes + u.reshape(len(u), -1, 2))[:, ring]
+    pixels = np.stack([size[1] / 2 + px_per_m * places[..., 1], px_per_m * places[..., 0] - BEHIND_PX], -1)
+    grey = np.stack([30 + 130 * covered(outline, size) for outline in pixels])
+    frames = np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
+    return Clip(frames, 0, 1 / fps, replace(camera_from_fov(50.0, size[1], size[0]), lens_told=False), source="film")
+
+
 def film() -> Clip:
     plane = FlatSolid.of(bar(LENGTH, WIDTH))
     load = plane.weight(np.array([9.81, 0.0]))
     rest = plane.balanced(SPECIFIC, load, np.zeros(2 * len(plane.nodes)))
     pulled = plane.balanced(SPECIFIC, load + plane.weight(np.array([0.0, PUSH])), rest)
     u = plane.march(SPECIFIC, load, pulled, 0 * rest, drag_per_s=DRAG, step_s=0.5 / FPS, steps=2 * (FRAMES + 3))[6::2]  # let go three frames ago
-    x, y = plane.nodes.T
-    ring = np.concatenate([np.flatnonzero(y < -WIDTH / 2 + 1e-6)[np.argsort(x[y < -WIDTH / 2 + 1e-6])], np.flatnonzero(y > WIDTH / 2 - 1e-6)[np.argsort(-x[y > WIDTH / 2 - 1e-6])]])
-    places = (plane.nodes + u.reshape(len(u), -1, 2))[:FRAMES, ring]
-    pixels = np.stack([SIZE[1] / 2 + PX_PER_M * places[..., 1], PX_PER_M * places[..., 0] - BEHIND_PX], -1)
-    grey = np.stack([30 + 130 * covered(outline, SIZE) for outline in pixels])
-    frames = np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
-    return Clip(frames, 0, 1 / FPS, replace(camera_from_fov(50.0, SIZE[1], SIZE[0]), lens_told=False), source="film")
+    return drawn(plane, u[:FRAMES], SIZE, PX_PER_M, FPS)
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +75,22 @@ def test_what_does_not_give_way_is_not_found_to(prepared: Prepared) -> None:
     assert swing.softens == 0
     assert swing.drag_per_m == 0
     assert swing.tip_error_share == swing.constant_error_share
+
+
+def test_a_strip_that_crosses_a_fifth_of_its_length_a_frame_is_followed() -> None:
+    """At few frames a second: from its pose at rest alone no edge of the first frame's neighbours is within reach."""
+    plane, px_per_m, fps, size = FlatSolid.of(bar(LENGTH, WIDTH)), 3000.0, 25.0, (250, 400)
+    load, still = plane.weight(np.array([9.81, 0.0])), np.zeros(2 * len(plane.nodes))
+    rest = plane.balanced(SPECIFIC, load, still)
+    pulled = plane.balanced(SPECIFIC, load + plane.weight(np.array([0.0, 15.0])), rest)
+    u = plane.march(SPECIFIC, load, pulled, still, drag_per_s=DRAG, step_s=0.125 / fps, steps=8 * 17)[::8]
+    whole = drawn(plane, np.vstack([u, rest]), size, px_per_m, fps)
+    whole = whole.with_labels((whole.frames[..., 0] > 95).astype(np.uint8))
+    to_picture = np.array([[0.0, px_per_m], [px_per_m, 0.0], [size[1] / 2, -BEHIND_PX]])
+    aside = _aside(whole, len(whole) - 1)
+    follower = Follower(plane, whole, load, SPECIFIC, rest, to_picture, np.array([95.0]), np.array([130.0]), aside, _passes_rest(aside))
+    told = follower.tip(u)
+    assert np.linalg.norm(np.diff(told, axis=0), axis=1).max() > 45
+    poses = follower.poses(len(u))
+    assert poses is not None
+    assert np.linalg.norm(follower.tip(poses) - told, axis=1).max() < 0.5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -87,6 +88,25 @@ def test_noise_and_blur_do_not_move_the_outline_at_rest(clip: Clip, calm: Clip) 
         assert right - left == pytest.approx(STRIP.width_px, abs=0.15)
         end = end_of(outline, np.array([[0.0, 0.0], [109.0, 0.0]]))
         assert end == pytest.approx(STRIP.length_px - STRIP.behind_px, abs=0.3)
+
+
+def test_one_frame_whose_grey_levels_are_off_does_not_widen_the_outline_at_rest(clip: Clip, calm: Clip) -> None:
+    """As compression leaves them: seen with a level 15 of 126 too low, the edges of all frames lie further out."""
+    frames = calm.frames.copy()
+    frames[0] = np.clip(frames[0].astype(int) - 30 * (calm.labels[0] > 0)[..., None], 0, 255)
+    soft, spoilt = (blurred(one) for one in (calm, replace(calm, frames=frames)))
+    widths = []
+    for one in (soft, spoilt):
+        outline = rest_outline(one).pixels
+        upper = np.abs(outline[:, 1] - 60) < 40
+        left, right = (outline[upper & (side * (outline[:, 0] - STRIP.middle_px) > 0), 0].mean() for side in (-1, 1))
+        widths.append(right - left)
+    assert widths[1] == pytest.approx(widths[0], abs=0.1)
+
+
+def blurred(clip: Clip) -> Clip:
+    """By 1.5 px."""
+    return replace(clip, frames=np.stack([cv2.GaussianBlur(frame, (0, 0), 1.5) for frame in clip.frames]))
 
 
 def test_the_corners_of_the_free_end_belong_to_the_body(clip: Clip, calm: Clip) -> None:
