@@ -16,7 +16,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "colours"}
-SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness"}  # what several stages need alike; imports the ground alone, but for plainness
+SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}
@@ -69,7 +69,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 DOORS: dict[str, set[str]] = {
     "warp": {"simulate", "render"},
     "skfem": {"elements"},
-    "cv2": {"matching.py", "plainness.py", "steady.py", "segment", "tracks", "outline", "body", "depth", "bags", "capture"},
+    "cv2": {"matching.py", "mask_border.py", "plainness.py", "steady.py", "segment", "tracks", "outline", "body", "depth", "bags", "capture"},
     "rclpy": {"nodes"},
     "mcap": {"bags"},
     "mcap_ros2": {"bags"},

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from ..mask_border import border, runs
 from ..types import Clip, object_mask
 
 STAYS_PX = 1.5  # within which an edge stays in its place [chosen]
@@ -26,21 +27,16 @@ def still_end(clip: Clip) -> list[float] | None:
     solid = object_mask(clip.labels[clip.seen])
     if len(solid) < 2 or not solid[0].any():
         return None
-    path = _outline(solid[0])
+    path = border(solid[0])
     swept = _swept(solid, path)
     still = _tidied(swept <= STAYS_PX)
     if swept.max() < LEAST_SWING_PX or not still.any() or still.mean() > MOST_STILL:
         return None
-    ends = [run for run in _runs(still) if _turn(path, run) >= LEAST_TURN]
+    ends = [run for run in runs(still) if _turn(path, run) >= LEAST_TURN]
     if len(ends) != 1:
         return None
     line = _across(path[ends[0]], np.argwhere(solid[0])[:, ::-1].mean(0))
     return [float(v) for v in np.clip(np.round(line, 1), 0, np.array(solid.shape[:0:-1]) - 1).ravel()]
-
-
-def _outline(mask: np.ndarray) -> np.ndarray:
-    """The outer border (n, 2) [px] of the largest piece of a mask."""
-    return np.asarray(max(cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0])
 
 
 def _swept(solid: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -54,14 +50,6 @@ def _tidied(still: np.ndarray) -> np.ndarray:
     """A closed row of flags (n,) without short pieces."""
     size = min(2 * LEAST_GAP_PX + 1, len(still))
     return np.asarray(np.convolve(np.concatenate([still[-LEAST_GAP_PX:], still, still[:LEAST_GAP_PX]]), np.ones(size), "valid") > size / 2)
-
-
-def _runs(still: np.ndarray) -> list[np.ndarray]:
-    """Numbers of the points of each piece of a closed row of flags (n,), in order; not all are set."""
-    first = int(np.flatnonzero(~still)[0])
-    order = np.roll(np.arange(len(still)), -first)
-    steps = np.flatnonzero(np.diff(np.concatenate([[0], still[order].astype(int), [0]]))).reshape(-1, 2)
-    return [order[a:b] for a, b in steps]
 
 
 def _turn(path: np.ndarray, run: np.ndarray) -> float:

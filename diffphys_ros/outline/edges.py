@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
+
+from ..mask_border import border, runs
 
 SMOOTH_PX = 3.0  # standard deviation along the outline over which staircases of the mask and bumps of the edge are evened out [chosen]
 PLATEAU_PX = (4.0, 7.0)  # from the edge, on either side, where inside and outside are read: blur with an sd of 2 px has ended [chosen]
@@ -75,20 +76,11 @@ def _every(run: np.ndarray, step: int) -> np.ndarray:
 
 def _inner_runs(mask: np.ndarray) -> list[np.ndarray]:
     """The pieces of a mask's border inside the picture, smooth, with points a pixel apart."""
-    path = max(cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)[:, 0].astype(float)
+    path = border(mask).astype(float)
     height, width = mask.shape
     inside = ((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1)
-    return [run for run in map(_evenly, _runs(path, inside)) if len(run) > 4 * SMOOTH_PX]
-
-
-def _runs(path: np.ndarray, inside: np.ndarray) -> list[np.ndarray]:
-    """The pieces of a closed path (n, 2) inside the picture; the whole path, closed, where all is."""
-    if inside.all():
-        return [np.concatenate([path, path[: int(4 * SMOOTH_PX)]])]
-    first = int(np.flatnonzero(~inside)[0])
-    path, inside = np.roll(path, -first, 0), np.roll(inside, -first)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]]))).reshape(-1, 2)
-    return [path[a:b] for a, b in edges]
+    pieces = [np.concatenate([path, path[: int(4 * SMOOTH_PX)]])] if inside.all() else [path[run] for run in runs(inside)]  # the whole, closed
+    return [run for run in map(_evenly, pieces) if len(run) > 4 * SMOOTH_PX]
 
 
 def _evenly(run: np.ndarray) -> np.ndarray:
@@ -116,7 +108,7 @@ def _refined(grey: np.ndarray, run: np.ndarray, step: int) -> tuple[np.ndarray, 
 
 
 def _outward(run: np.ndarray) -> np.ndarray:
-    """Unit normals (n, 2) of an even run. cv2 walks outer contours counterclockwise as the picture shows them, y down."""
+    """Unit normals (n, 2) of an even run of a mask's border."""
     along = np.gradient(gaussian_filter1d(run, TURN_PX, axis=0, mode="nearest"), axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     return np.stack([-along[:, 1], along[:, 0]], 1)
