@@ -78,7 +78,7 @@ def _inner_runs(mask: np.ndarray) -> list[np.ndarray]:
     """The pieces of a mask's border inside the picture, smooth, with points a pixel apart."""
     path = border(mask).astype(float)
     height, width = mask.shape
-    inside = ((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1)
+    inside = np.asarray(((path > BORDER_PX) & (path < np.array([width, height]) - 1 - BORDER_PX)).all(1))
     pieces = [np.concatenate([path, path[: int(4 * SMOOTH_PX)]])] if inside.all() else [path[run] for run in runs(inside)]  # the whole, closed
     return [run for run in map(_evenly, pieces) if len(run) > 4 * SMOOTH_PX]
 
