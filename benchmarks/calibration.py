@@ -4,6 +4,7 @@
     python benchmarks/calibration.py OUT --confirm 60           # seeds that follow from the commit: run once
     python benchmarks/calibration.py OUT --seeds 300-304 --kinds hook,cord    # other bodies than the generator's, other starts
     python benchmarks/calibration.py OUT --seeds 202-221 --kinds colour,plain_depth,plain    # points against outlines
+    python benchmarks/calibration.py OUT --seeds 202-211 --kinds nothing_colour,nothing_colour_mask,nothing_depth,nothing_depth_mask,clamp,thickness,mass,told    # what each thing that is told buys
     python benchmarks/calibration.py --record OUT...            # rows into benchmarks/results, table and figure into docs
     python benchmarks/calibration.py --tables | --check         # from the stored rows; exit 1 where a table is not theirs
 
@@ -24,6 +25,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import calibration_known
 from calibration_clips import KINDS, Maker, clips_of, confirmation_seeds, facts_of
 from calibration_table import FREE, MATERIALS, draw, kinds_in, markdown, said, table
 from clips import ROOT, batched, this_commit
@@ -33,10 +35,12 @@ from diffphys_ros.batch import read_status
 from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
-CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE = "choice", "confirmation", "kinds", "evidence"
+CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE, KNOWN = "choice", "confirmation", "kinds", "evidence", "known"
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
 NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of the generator's own scenes
 OF_EVIDENCE = ("colour", "plain_depth", "plain")  # kinds whose rows tell kinds of evidence apart, beside those of the same seeds with texture and depth
+OF_KNOWLEDGE = ("nothing_colour", "nothing_colour_mask", "nothing_depth", "nothing_depth_mask", "clamp", "thickness")  # kinds that are told less
+BESIDE = {EVIDENCE: ("told",), KNOWN: ("mass", "told")}  # kinds of the choice whose rows, of the same seeds, stand beside those of a set
 PAGE, FIGURES = ROOT / "docs" / "how_sure.md", ROOT / "docs" / "figures"
 
 
@@ -90,13 +94,13 @@ def record(folders: Sequence[Path], *, dirty: bool) -> None:
     for name, made in found.items():
         rows = _merged(name, made)
         _path(name).write_text(json.dumps(sorted(rows, key=lambda row: row["name"]), indent=1) + "\n")
-        if name not in (OTHER_KINDS, EVIDENCE):
+        if name not in (OTHER_KINDS, EVIDENCE, KNOWN):
             draw(rows, [kind for kind in kinds_in(rows) if kind in FREE], FIGURES / f"calibration_{name}.png")
 
 
 def _set_of(kind: str) -> str:
     """Of rows of chosen seeds."""
-    return CHOICE if kind in NAMED else EVIDENCE if kind in OF_EVIDENCE else OTHER_KINDS
+    return CHOICE if kind in NAMED else EVIDENCE if kind in OF_EVIDENCE else KNOWN if kind in OF_KNOWLEDGE else OTHER_KINDS
 
 
 def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -106,10 +110,10 @@ def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def filled(text: str) -> str:
     """The page with its tables made from the stored rows."""
-    for name in (CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE):
+    for name in (CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE, KNOWN):
         if _path(name).exists():
             begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
-            made = f"{begin}\n{_tables(_shown(name))}\n{end}"
+            made = f"{begin}\n{_known(_shown(name)) if name == KNOWN else _tables(_shown(name))}\n{end}"
             text, places = re.subn(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.S)
             if not places:
                 raise InputError(f"{PAGE.name}: has no place {begin} ... {end}; put one where the rows of {name} belong")
@@ -117,12 +121,17 @@ def filled(text: str) -> str:
 
 
 def _shown(name: str) -> list[dict[str, Any]]:
-    """The stored rows of a set; kinds of evidence beside points with depth on the same seeds."""
+    """The stored rows of a set, beside those of BESIDE on the same seeds."""
     rows: list[dict[str, Any]] = json.loads(_path(name).read_text())
-    if name == EVIDENCE and _path(CHOICE).exists():
+    if name in BESIDE and _path(CHOICE).exists():
         seeds = {row["seed"] for row in rows}
-        rows += [row for row in json.loads(_path(CHOICE).read_text()) if row["kind"] == "told" and row["seed"] in seeds]
+        rows += [row for row in json.loads(_path(CHOICE).read_text()) if row["kind"] in BESIDE[name] and row["seed"] in seeds]
     return rows
+
+
+def _known(rows: list[dict[str, Any]]) -> str:
+    kinds = [kind for kind in (*OF_KNOWLEDGE, *BESIDE[KNOWN]) if kind in kinds_in(rows)]
+    return "\n\n".join([markdown(calibration_known.table(rows, kinds)), said(rows)])
 
 
 def _tables(rows: list[dict[str, Any]]) -> str:

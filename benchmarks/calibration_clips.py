@@ -39,12 +39,15 @@ class Kind:
     densities: bool = False  # the parts' densities are told, else the mass alone
     colour: bool = False  # colour images alone
     frames: tuple[int, int] | None = None  # fitted, and predicted
+    known: tuple[str, ...] | None = None  # settings of the scene that are told; None: all of the generator's
 
     @property
     def quick(self) -> Kind:
         """The same of the generator's coarser mesh."""
         return self if "--quick" in self.scene else replace(self, scene=(*self.scene, "--quick"))
 
+
+MASK, HELD, THICK = "first_mask", ("clamp_box_m", "gravity_m_s2", "at_rest"), ("thickness_m", "thickness_axis")
 
 KINDS = {
     kind.name: kind
@@ -67,6 +70,12 @@ KINDS = {
         Kind("poke", "local pushes", scene=("--force", "poke"), densities=True),
         Kind("second", "another law and integrator", scene=(SECOND, "--quick"), densities=True),
         Kind("moving", "begins in motion", scene=("--moving-start",), densities=True),
+        Kind("nothing_colour", "colour", colour=True, known=()),
+        Kind("nothing_colour_mask", "colour, mask", colour=True, known=(MASK,)),
+        Kind("nothing_depth", "depth", known=()),
+        Kind("nothing_depth_mask", "depth, mask", known=(MASK,)),
+        Kind("clamp", "depth, mask, clamp, gravity, rest", known=(MASK, *HELD)),
+        Kind("thickness", "and the thickness", known=(MASK, *HELD, *THICK)),
     )
 }
 
@@ -132,7 +141,7 @@ def facts_of(clip: Path) -> dict[str, Any]:
     stats = json.loads((clip / STATS).read_text())
     seed, _, kind = clip.name.removeprefix("g").partition("-")
     pushed = "poke" if stats["force"].startswith("push") else "gust"
-    return {"seed": int(seed), "kind": kind, "materials": len(stats["E_Pa"]), "family": stats["family"], "gravity": stats["gravity"], "push": pushed}
+    return {"seed": int(seed), "kind": kind, "materials": len(stats["E_Pa"]), "family": stats["family"], "gravity": stats["gravity"], "push": pushed, "hz": stats.get("f_tail_Hz")}
 
 
 def _scene(folder: Path, seed: int, flags: Sequence[str]) -> Path:
@@ -161,6 +170,8 @@ def _told(given: dict[str, Any], kind: Kind, truth: Any) -> dict[str, Any]:
     if kind.densities:
         del given["scene"]["mass_kg"]
         given["scene"]["density_kg_m3"] = [float(rho) for rho in truth["part_rho"]]
+    if kind.known is not None:
+        given["scene"] = {name: value for name, value in given["scene"].items() if name in kind.known}
     if kind.colour:
         given["topics"] = given.get("topics", {}) | {"depth": "none"}
     if kind.frames:

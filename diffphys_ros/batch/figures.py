@@ -14,9 +14,11 @@ SCORED_PARTS = ("young_log10_error", "young_log10_sd", "young_lower_log10", "spe
 OF_PARTS = ("identified", "young_pa", "log10_young_sd", *SCORED_PARTS)
 MODAL = "modal_force_relative_rmse"
 PREDICTED = "prediction_over_rms_motion"  # of frames that were kept back
+HZ = "observed_hz"  # of the leading free oscillation [Hz]
 OF_CLIP = (
     "force_identified",
     "scale",
+    HZ,
     "young_ratio_error",
     "net_force_cosine",
     "false_force_ratio",
@@ -53,6 +55,8 @@ def figures_of(folder: Path) -> dict[str, Any]:
     found |= {name: metrics[name] for name in SCORED_PARTS if isinstance(metrics.get(name), list)}
     if isinstance(modal := metrics.get(MODAL), list):
         metrics[MODAL] = modal[0] if modal else None  # of the mode that moves most
+    if isinstance(seen := metrics.get(HZ), list):
+        metrics[HZ] = seen[0] if seen else None
     if isinstance(prediction := metrics.get("prediction"), dict):
         metrics[PREDICTED] = prediction.get("over_rms_motion")
     return found | {name: metrics[name] for name in OF_CLIP if metrics.get(name) is not None}

@@ -178,7 +178,7 @@ def assemble(
         initial_velocity=body.rotate_to_world(core.velocity0[own]),
         identified=confidence.identified,
         reasons=confidence.reasons,
-        metrics=metrics | _force_metrics(confidence) | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
+        metrics=metrics | {"observed_hz": start.observed_hz.tolist()} | _force_metrics(confidence) | {f"{name}_source": text for name, text in body.sources.items()} | image_metrics(prepared, frames),
         notes=notes(prepared, confidence),
         force_identified=confidence.force_identified,
         force_reason=confidence.force_reason,

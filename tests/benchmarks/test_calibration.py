@@ -153,3 +153,46 @@ def test_scenes_of_the_second_truth_are_made_by_its_own_script(calibration, tmp_
     clips.Maker(tmp_path).make(7, (), tmp_path / "o")
     assert [Path(words[0]).name for words in asked] == ["second_truth.py", "other_scenes.py", "make_scene.py"]
     assert clips.SECOND not in asked[0]
+
+
+def test_what_is_relative_is_judged_as_relative(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    known = loaded(BENCHMARKS / "calibration_known.py")
+    specific = {"specific_log10_error": [0.01, 0.5], "specific_log10_sd": [0.02, 0.1]}
+    absolute, weightless, sizeless = (
+        row([0.3, 1.5], [0.1, 0.3], scale=scale, **specific) for scale in ("absolute", "relative: nobody told a mass or a density, so ...", "relative: nobody told a length, so ...")
+    )
+    assert [tuple(one) for one in known.told_by(absolute)] == [(0.3, 0.1), (1.5, 0.3)]
+    assert [tuple(one) for one in known.told_by(weightless)] == [(0.01, 0.02), (0.5, 0.1)]
+    assert [tuple(one) for one in known.told_by(sizeless)] == [pytest.approx((1.2, np.hypot(0.1, 0.3)))]
+    assert known.told_by(row([0.3], [0.1], scale="relative: nobody told a length")) == []  # of one part there is no ratio
+    assert known.told_by(row([None], [None], scale="absolute")) == []
+
+
+def test_the_table_of_what_is_known_counts_what_is_confident_and_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    known = loaded(BENCHMARKS / "calibration_known.py")
+    rows = [
+        row([0.01, 0.5], [0.02, 0.1], kind="mass", scale="absolute", observed_hz=2.02, hz=2.0, force_identified=True, net_force_cosine=0.9),
+        row([None, None], [None, None], kind="mass", scale="absolute", observed_hz=1.98, hz=2.0, force_identified=False, net_force_cosine=0.1),
+    ]
+    cells = {line[0]: line[1] for line in known.table(rows, ["mass"])}
+    assert cells["confident and wrong: beyond 3 sd"] == "1 of 2"
+    assert cells["parts that are identified"] == "2 of 4"
+    assert cells["stiffness is told as"] == "E"
+    assert cells["leading frequency, error over it: median"] == "1.0%"
+    assert (cells["forces that are identified"], cells["their cosine, median"]) == ("1 of 2", "0.900")
+
+
+def test_a_kind_that_is_told_less_is_given_less(calibration) -> None:
+    clips = calibration.clips_of.__globals__
+    scene = {"mass_kg": 1.0, "thickness_m": 0.04, "thickness_axis": [0, 1, 0], "gravity_m_s2": [0, 0, -9.81], "clamp_box_m": [0] * 6, "at_rest": True, "first_mask": "mask0.png"}
+
+    def told(name: str) -> dict[str, object]:
+        return clips["_clip"].__globals__["_told"]({"scene": dict(scene)}, clips["KINDS"][name], {"part_rho": [600.0]})
+
+    assert told("nothing_depth") == {"scene": {}}
+    assert told("nothing_colour_mask") == {"scene": {"first_mask": "mask0.png"}, "topics": {"depth": "none"}}
+    assert set(told("clamp")["scene"]) == {"first_mask", "clamp_box_m", "gravity_m_s2", "at_rest"}
+    assert set(scene) - set(told("thickness")["scene"]) == {"mass_kg"}
+    assert [calibration._set_of(name) for name in ("nothing_depth", "thickness", "mass")] == ["known", "known", "choice"]
