@@ -49,7 +49,7 @@ def bar(
         np.full(parts, poisson),
         np.array(gravity),
         clamped,
-        {},
+        {"density": "density_kg_m3", "metric_scale": "depth topic"},
     )
 
 

@@ -14,6 +14,12 @@ DENSITY_CONTRAST = 0.5  # of ln(density) of a part when only the mass of all is 
 OTHERWISE = 2.0  # standard deviations [numerical]
 
 
+def told_by_motion(body: Body) -> bool:
+    """Whether the motion may tell the densities of a body's parts. Without a length its place is assumed, its plane across the line of sight and its
+    thickness: densities would explain what these miss."""
+    return body.scale.length
+
+
 @dataclass(frozen=True)
 class Densities:
     """What the densities of n parts may be: all of the same mass, each part's logarithm with a standard deviation about the assumed one."""
@@ -24,8 +30,8 @@ class Densities:
 
     @classmethod
     def open(cls, body: Body, scene: Scene) -> Densities | None:
-        """Those of a body; None where a person told them, or one part has all the mass."""
-        if scene.density_kg_m3 is not None or body.parts == 1:
+        """Those of a body; None where a person told them, one part has all the mass, or the body's shape is assumed."""
+        if scene.density_kg_m3 is not None or body.parts == 1 or not told_by_motion(body):
             return None
         return cls(np.asarray(body.density, float), body.part_volumes_m3, DENSITY_CONTRAST)
 

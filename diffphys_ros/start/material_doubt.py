@@ -16,6 +16,7 @@ from ..differences import differences
 from ..linear_systems import inverted
 from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
+from .densities import told_by_motion
 from .free_tail import Physics, Tail
 from .uncertainty import SHAPE_SD, Bend, contradiction, excess_of
 
@@ -65,7 +66,7 @@ def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: 
     """Changes (n, n) of ln(density) of all parts by one standard deviation of each of what is left open, which are independent, and standard
     deviations (n,) of Poisson's ratios."""
     changes = (0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body)
-    if bend is not None:
+    if bend is not None and told_by_motion(body):
         changes = changes @ _left_open(tail, physics, bend, _misfit_by_density(tail, physics, body) @ changes, contradiction(bend, detune))
     return changes, _poisson_sd(body, scene)
 
