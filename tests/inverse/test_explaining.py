@@ -9,7 +9,7 @@ import pytest
 
 from diffphys_ros.config import build, layered
 from diffphys_ros.errors import InputError
-from diffphys_ros.inverse import explaining, solve
+from diffphys_ros.inverse import explaining, prepare, solve
 from diffphys_ros.inverse.choice import STILL
 from diffphys_ros.inverse.clock import FIT_END, Clock
 from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, may_carry, modes_miss, shortened
@@ -19,6 +19,7 @@ from diffphys_ros.inverse.problem import Problem
 from diffphys_ros.inverse.stages import schedule
 from diffphys_ros.inverse.transitions import Walk
 from diffphys_ros.types import Recovery
+from tests.boxes import bar, bar_settings, box_clip, oblique_camera, turned
 
 from .test_paper import FILE, filmed, problem, speckled  # noqa: F401 fixtures
 from .test_solve import drive
@@ -104,6 +105,22 @@ def test_fields_take_over_where_they_show_the_clip_better_and_say_that_they_meas
         assert any(CARRIED in note for note in answer.notes)
         assert answer.metrics["psnr_masked_without_fields"] == wrong.metrics["psnr_masked"]
         assert not answer.identified.any()
+
+
+@pytest.mark.slow
+def test_fields_are_sought_on_a_thin_sheet_of_the_same_clip(monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = box_clip(bar(), [turned(0.05 * np.sin(0.9 * k)) for k in range(8)], oblique_camera())
+    settings = bar_settings(scene__thickness_m=None, fit__device="cpu", experiment__max_splats=200, experiment__splat_iterations=4, experiment__field_iterations=1)
+    prepared = drive(prepare(clip, settings))[1]
+    monkeypatch.setattr(explaining, "EXPLAINING", {**EXPLAINING, "transition_iterations": 1, "grid_nodes": 24, "force_voxels": 4})
+    again, splats, recovery, behind = drive(explaining._by_fields(prepared, explaining.explaining(settings), Clock()))[1]
+    assert "thin sheet" in again.body.sources["thickness"]
+    assert again.body.volume_m3 < 0.5 * prepared.body.volume_m3
+    assert recovery.simulation.engine == "mpm"
+    assert np.abs(recovery.force).max() > 0
+    assert not recovery.identified.any()
+    assert behind.shape == clip.frames.shape[1:]
+    assert len(splats.mean) <= 200
 
 
 def test_without_time_or_a_grid_the_answer_stays_and_the_first_says_so(filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
