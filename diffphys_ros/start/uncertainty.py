@@ -16,6 +16,7 @@ from ..types import Body, Tracks
 from .free_tail import DETUNED, FREQUENCY_SD, Physics, Tail, prior_residual
 
 SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
+SMOOTH = 6  # directions, at most, that such an error is spread over: it is smooth along the body, and strains the parts as stiffness would [chosen]
 SILHOUETTE_PX = 0.25  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
@@ -73,14 +74,23 @@ def detuning_log10_sd(detuning: float) -> float:
 
 def of_held_modes(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,), by what a search that holds the modes to the model leaves no room for, though it is the same in all
-    frames: frequencies, each off by FREQUENCY_SD, and shapes, off by what they miss of the motion."""
+    frames: frequencies, each off by FREQUENCY_SD, and shapes, off by what they miss of the motion, or by SHAPE_SD."""
     count = DETUNED - tail.detuned
     frequencies = differences(lambda off: tail.misfit(replace(physics, detune=FREQUENCY_SD * off)).ravel() / tail.sigma_m, np.zeros(count))
+    return np.hypot(_taken_on(bend, frequencies, len(physics.young)), of_shapes(tail, physics, bend, least=SHAPE_SD))
+
+
+def of_shapes(tail: Tail, physics: Physics, bend: Bend, *, least: float = 0.0) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), by shapes of the modes that are off by what the fit misses of the motion, or by `least` of it: the
+    same error in all frames, which many frames do not average out."""
     width = tail.data.shape[1]
-    missed = max(SHAPE_SD, tail.missed_m(physics) / tail.size_m) / np.sqrt(width)
-    shapes = np.kron(tail.swings(physics), np.eye(width)) * missed / tail.sigma_m
-    taken_on = bend.inverse @ bend.jacobian.T @ np.hstack([frequencies, shapes])
-    return np.asarray(np.linalg.norm(taken_on[: len(physics.young)], axis=1) / np.log(10.0))
+    missed = max(least, tail.missed_m(physics) / tail.size_m) / np.sqrt(min(width, SMOOTH))
+    return _taken_on(bend, np.kron(tail.swings(physics), np.eye(width)) * missed / tail.sigma_m, len(physics.young))
+
+
+def _taken_on(bend: Bend, misfits: np.ndarray, parts: int) -> np.ndarray:
+    """What log10 E per part takes on, (n,), of independent misfits (K d, m) in standard deviations."""
+    return np.asarray(np.linalg.norm((bend.inverse @ bend.jacobian.T @ misfits)[:parts], axis=1) / np.log(10.0))
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:

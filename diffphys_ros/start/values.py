@@ -22,7 +22,7 @@ from .free_tail import FREQUENCY_SD, Physics, Tail
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
-from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_held_modes, outline_sd
+from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_held_modes, of_shapes, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing [chosen]
@@ -191,7 +191,8 @@ def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0
 
 def _sd_of_tail(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,): what a fit of the free frames leaves open, whose modes were off by `detune` (k,) or held."""
-    beyond = detuning_log10_sd(float(np.abs(detune).max(initial=0.0))) if tail.detuned else of_held_modes(tail, physics, bend)
+    detuning = detuning_log10_sd(float(np.abs(detune).max(initial=0.0)))
+    beyond = np.hypot(detuning, of_shapes(tail, physics, bend)) if tail.detuned else of_held_modes(tail, physics, bend)
     return np.minimum(np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond), OPEN_SD)
 
 
