@@ -151,7 +151,8 @@ def _words(model: Model, stage: Stage) -> str:
     if stage.fields:
         return f"{problem.settings.fit.material_field} material, {problem.settings.fit.force_field} force"
     young = problem.layout.young_of(model.z.detach().numpy()) * problem.disc.apparent
-    return "E " + " ".join(f"{e:.4g}" for e in young) + " Pa"
+    values, name, unit = problem.prepared.body.scale.stiffness(young, problem.prepared.start.density)
+    return f"{name} {' '.join(f'{e:.4g}' for e in values)} {unit}".rstrip()
 
 
 def _force_so_far(model: Model) -> ForceSoFar:

@@ -77,7 +77,7 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     misfits: list[Hung] = []
     for behind in places:
         misfits.append(trials.hung(behind))
-        yield Progress("body", text=f"clamp {behind:.0f} px behind its line: E {misfits[-1].young:.4g} Pa, shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
+        yield Progress("body", text=f"clamp {behind:.0f} px behind its line: shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
     z, tracks, body, settings = trials.at(behind)
     px_per_m = clip.camera.focal_px / z
