@@ -32,6 +32,7 @@ EXPLAINING: Mapping[str, Any] = {  # config/paper.yaml has the same values and s
 }  # fmt: skip
 UNKNOWN = "unknown"  # material of the database, for want of a better one
 FIRST_SHARE = 0.5  # of the time for search and training, after which constants end where modes miss the motion: fields need the rest [chosen]
+LEAST_SHARE = 0.1  # of all the time that must be left for fields: body and Gaussians are made anew first [chosen]
 CARRIED = "forces that act everywhere, frame by frame, carry the video where one force does not: they explain it, on an assumed stiffness, and measure nothing."
 
 Carried = tuple[Prepared, Splats, Recovery, np.ndarray]  # the last: the scene behind the object, uint8 (H, W, 3)
@@ -57,8 +58,8 @@ def modes_miss(prepared: Prepared) -> bool:
 def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, behind: np.ndarray, settings: Settings, clock: Clock) -> Generator[Progress, None, Carried]:
     """What fields make of a clip that an answer leaves unexplained, where that shows it better; else what was given. Yields news."""
     kept = prepared, splats, recovery, behind
-    if not clock.allows_fit():
-        said = f"no time is left for fields, which would carry the video: raise fit.time_budget_s beyond {clock.limit_s:.0f} s"
+    if not clock.allows_fit(LEAST_SHARE * clock.limit_s):
+        said = f"too little time is left for fields, which would carry the video: raise fit.time_budget_s beyond {clock.limit_s:.0f} s"
         yield Progress("fields", text=said)
         return *kept[:2], replace(recovery, notes=(*recovery.notes, said)), behind
     yield Progress("fields", text="the motion is not explained: forces that act everywhere, frame by frame, carry the video")
