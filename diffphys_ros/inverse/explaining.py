@@ -34,6 +34,7 @@ UNKNOWN = "unknown"  # material of the database, for want of a better one
 FIRST_SHARE = 0.5  # of the time for search and training, after which constants end where modes miss the motion: fields need the rest [chosen]
 LEAST_SHARE = 0.1  # of all the time that must be left for fields: body and Gaussians are made anew first [chosen]
 CARRIED = "forces that act everywhere, frame by frame, carry the video where one force does not: they explain it, on an assumed stiffness, and measure nothing."
+IN_VAIN = "fields, which would carry the video, were stopped before they showed it better: raise fit.time_budget_s beyond {:.0f} s."
 
 Carried = tuple[Prepared, Splats, Recovery, np.ndarray]  # the last: the scene behind the object, uint8 (H, W, 3)
 
@@ -70,7 +71,11 @@ def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, be
         return kept
     before, after = (float(each.metrics["psnr_masked"]) for each in (recovery, found[2]))  # type: ignore[arg-type]
     yield Progress("fields", text=f"PSNR {after:.1f} dB by fields, {before:.1f} without")
-    return (*found[:2], _told(found[0], found[2], recovery), found[3]) if after > before else kept
+    if after > before:
+        return *found[:2], _told(found[0], found[2], recovery), found[3]
+    if found[2].metrics["stopped_by_budget"]:
+        return prepared, splats, replace(recovery, notes=(*recovery.notes, IN_VAIN.format(clock.limit_s))), behind
+    return kept
 
 
 def explaining(settings: Settings) -> Settings:

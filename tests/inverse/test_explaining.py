@@ -107,6 +107,17 @@ def test_fields_take_over_where_they_show_the_clip_better_and_say_that_they_meas
         assert not answer.identified.any()
 
 
+def test_fields_that_the_clock_stopped_leave_a_note(filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    def by_fields(prepared, asked, clock):
+        yield from ()
+        return prepared, speckled(), replace(wrong, metrics=wrong.metrics | {"stopped_by_budget": True, "psnr_masked": 0.0}), None
+
+    monkeypatch.setattr(explaining, "_by_fields", by_fields)
+    *_, kept, _ = drive(carried_by_fields(filmed, speckled(), wrong, np.ones((120, 160, 3), np.uint8), build({}), Clock(1e6)))[1]
+    assert kept.notes[:-1] == wrong.notes
+    assert "raise fit.time_budget_s" in kept.notes[-1]
+
+
 @pytest.mark.slow
 def test_fields_are_sought_on_a_thin_sheet_of_the_same_clip(monkeypatch: pytest.MonkeyPatch) -> None:
     clip = box_clip(bar(), [turned(0.05 * np.sin(0.9 * k)) for k in range(8)], oblique_camera())
