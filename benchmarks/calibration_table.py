@@ -97,6 +97,31 @@ def _of_clips(name: str, form: str, *percent: float, push: str | None = None) ->
     return figure
 
 
+def _of_pair(*names: str, push: str) -> Callable[[Sequence[Row]], str]:
+    figures = [_of_clips(name, ".0%", 50, push=push) for name in names]
+
+    def both(rows: Sequence[Row]) -> str:
+        values = [figure(rows) for figure in figures]
+        return "-" if "-" in values else ", ".join(values)
+
+    return both
+
+
+def _of_peaks(value: Callable[[np.ndarray, np.ndarray], str]) -> Callable[[Sequence[Row]], str]:
+    """A figure of stated peaks of the net force over the true ones, and of their stated deviations over these, (n,) each."""
+
+    def figure(rows: Sequence[Row]) -> str:
+        stated = [(row["force_peak_stated_n"], row["force_peak_sd_n"], row["force_peak_true_n"]) for row in _ended(rows) if row.get("force_peak_sd_n")]
+        peak, sd, true = np.array(stated, float).reshape(-1, 3).T
+        return value(peak / true, sd / true) if len(stated) else "-"
+
+    return figure
+
+
+def _peaks_inside(deviations: float) -> Callable[[Sequence[Row]], str]:
+    return _of_peaks(lambda peak, sd: f"{int((np.abs(peak - 1) <= deviations * sd).sum())} of {len(peak)}")
+
+
 def _clamp(part: Part) -> bool:
     return part.order == 1
 
@@ -128,6 +153,12 @@ FIGURES: dict[str, Callable[[Sequence[Row]], str]] = {
     "net force, median: cosine": _of_clips("net_force_cosine", ".3f", 50),
     "rel. rms error, gusts": _of_clips("net_force_relative_rmse", ".2f", 50, push="gust"),
     "pokes": _of_clips("net_force_relative_rmse", ".2f", 50, push="poke"),
+    "its components inside 1 sd, 2 sd, median over clips: gusts": _of_pair("net_force_inside_1sd", "net_force_inside_2sd", push="gust"),
+    "the same, pokes": _of_pair("net_force_inside_1sd", "net_force_inside_2sd", push="poke"),
+    "stated sd over the rms of the net force, median": _of_clips("net_force_relative_sd", ".2f", 50),
+    "stated peak of the net force over the true one: geometric mean": _of_peaks(lambda peak, _: f"{np.exp(np.log(peak).mean()):.2f}"),
+    "peaks inside 1 sd": _peaks_inside(1),
+    "peaks inside 2 sd": _peaks_inside(2),
     "false force": _of_clips("false_force_ratio", ".3f", 50),
     "force on the leading mode, median rel. rms error": _of_clips("modal_force_relative_rmse", ".2f", 50),
     "trajectory, rms error over rms motion: median, 95 %": _of_clips("trajectory_rmse_over_rms_motion", ".3f", 50, 95),

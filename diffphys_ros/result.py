@@ -49,9 +49,9 @@ FILES = (RECOVERY, METRICS, RECORDING, RECORDING_OUTLINE, RERUN, FIGURE)
 CHECKPOINT = "checkpoint.npz"  # beside them while a fit runs, and after one that was interrupted
 MOST_METRICS_BYTES = 2**26  # of metrics.json
 
-_FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "poisson_sd", "density_sd", "young_lower", "log10_specific_sd", "force", "trajectory", "clamped")
+_FIELDS = ("points", "volume", "part", "log10_young_sd", "poisson", "density", "poisson_sd", "density_sd", "young_lower", "log10_specific_sd", "force", "net_force_sd", "trajectory", "clamped")
 _FRAME = ("initial_velocity", "world_from_body", "gravity")
-_SCALARS = ("apparent_stiffness", "period_s", "substeps")
+_SCALARS = ("net_force_peak", "net_force_peak_sd", "apparent_stiffness", "period_s", "substeps")
 
 
 def owned(folder: str | Path) -> AbstractContextManager[Path]:
@@ -69,8 +69,9 @@ def save(recovery: Recovery, clip: Clip, settings: config.Settings, folder: str 
     Arrays of recovery.npz (T frames, N particles, world frame, SI units): points (N, 3), volume, part, young (NaN where the
     part is not identified), young_solver (as simulated: before the grid's correction), log10_young_sd, poisson, density,
     poisson_sd and density_sd (0 where they were told), young_lower (the least modulus, where that is all that is known), log10_specific_sd (of log10(young / density)), clamped (N,),
-    force [N/m^3 of rest volume] and trajectory (T, N, 3), absolute and scale (whether E and force are in pascals and newtons, and in words what holds
-    where a density or a size is assumed: then young, young_lower and force are those of a body of that density and size), frames (T, H, W, 3) where rendered,
+    force [N/m^3 of rest volume] and trajectory (T, N, 3), net_force and net_force_sd [N] (T, 3), net_force_peak and net_force_peak_sd [N],
+    absolute and scale (whether E and force are in pascals and newtons, and in words what holds where a density or a size is assumed: then young, young_lower
+    and force are those of a body of that density and size), frames (T, H, W, 3) where rendered,
     initial_velocity (N, 3), identified (n,), reasons (n,), force_identified, force_reason, period_s, start_ns, stamps_ns (T,), frame_id, config (JSON of
     dotted settings).
 
@@ -242,6 +243,7 @@ def _arrays(recovery: Recovery, clip: Clip, settings: config.Settings) -> dict[s
     rendered = {} if recovery.frames is None else {"frames": recovery.frames}
     return {
         **{name: getattr(recovery, name) for name in _FIELDS},
+        "net_force": recovery.net_force(),
         "young": np.where(recovery.identified[recovery.part - 1], recovery.young, np.nan),
         "young_solver": recovery.young_solver,
         **rendered,

@@ -41,7 +41,7 @@ ZONED = {"part": "whole n", "log_young_precision": "real n n"}
 RECOVERY = {
     "points": "real N 3", "volume": "positive N", "part": "whole N", "young": "gap N", "log10_young_sd": "gap N", "poisson": "real N", "density": "positive N",
     "poisson_sd": "amount N", "density_sd": "amount N", "young_lower": "gap N", "log10_specific_sd": "gap N",
-    "force": "real T N 3", "trajectory": "real T N 3", "clamped": "truth N", "frames": "?pixel T H W 3", "world_from_body": "real 4 4", "gravity": "real 3",
+    "force": "real T N 3", "net_force_sd": "gap T 3", "net_force_peak": "gap", "net_force_peak_sd": "gap", "trajectory": "real T N 3", "clamped": "truth N", "frames": "?pixel T H W 3", "world_from_body": "real 4 4", "gravity": "real 3",
     "apparent_stiffness": "positive", "period_s": "positive", "substeps": "whole",
     "initial_velocity": "real N 3", "identified": "truth n",
 }  # fmt: skip

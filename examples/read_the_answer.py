@@ -26,7 +26,8 @@ def answer(folder: str | Path) -> Iterator[str]:
     peak = np.linalg.norm(net.values, axis=1)  # of (T, 3), world frame
     frame = int(peak.argmax())
     if found.force_identified:
-        yield f"largest {net.name}: {peak[frame]:.3g} {net.unit} along ({', '.join(f'{v:+.2f}' for v in net.values[frame])}) at {frame * found.period_s:.2f} s"
+        known = f" (peak {found.net_force_peak:.3g} +- {found.net_force_peak_sd:.2g} N)" if found.scale.absolute else ""
+        yield f"largest {net.name}: {peak[frame]:.3g} {net.unit} along ({', '.join(f'{v:+.2f}' for v in net.values[frame])}) at {frame * found.period_s:.2f} s{known}"
     else:
         yield f"force not identified; {found.force_reason}"
     yield from (f"assumed: {note}" for note in found.notes)

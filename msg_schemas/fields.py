@@ -119,6 +119,12 @@ class Answer:
         force, torque = self.wrench(frame)
         return {"header": header(self.stamp_ns(frame), self.world), "wrench": {"force": vector(force), "torque": vector(torque)}}
 
+    def net_force_sd(self, frame: int) -> dict[str, Any] | None:
+        """Vector3Stamped: standard deviations of the components of `net_force` [N]; None where no newtons are known."""
+        if not self.scale.absolute:
+            return None
+        return {"header": header(self.stamp_ns(frame), self.world), "vector": vector(self.recovery.net_force_sd[frame])}
+
     def wrench(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Force [N] and torque about `reference` [N m], shapes (3,)."""
         r = self.recovery
@@ -158,10 +164,11 @@ class Answer:
         values = {
             "identified": r.force_identified,
             "reason": r.force_reason,
-            "peak_net_force": peak if scale.absolute else float("nan"),
+            "peak_net_force": r.net_force_peak if scale.absolute else float("nan"),
             "density_source": r.metrics.get("density_source", "unknown"),
             "peak_net_force_over_mass": peak / r.mass_kg if scale.length else float("nan"),
             "scale": scale.words,
+            "peak_net_force_sd": r.net_force_peak_sd if scale.absolute else float("nan"),
         }
         return self._quality("force", values, good=r.force_identified)
 

@@ -67,11 +67,12 @@ TOPICS = _table(
     Topic("~/state", CLOUD, "world", "m, N/m^3 of rest volume", "particles and the force on them in one frame, played at the recorded rate"),
     Topic("~/force_markers", MARKERS, "world", "m", "arrows of the force, scaled to the object, played"),
     Topic("~/net_force", WRENCH, "world", "N, N m", "resultant on the free particles about the centre of the clamp plane, else the origin; played"),
+    Topic("~/net_force_sd", VECTOR, "world", "N", "one standard deviation of each component of ~/net_force; 0 where no force acts, NaN where the force is not identified; played"),
     Topic("~/rendered", IMAGE, "camera", "rgb8", "the recovered motion through the camera, played"),
     Topic("~/camera_info", CAMERA_INFO, "camera", "px", "intrinsics and stamps of the rendered images, played"),
     Topic(STATIC_TREE, TREE, "world", "m", "the camera in the world, where nobody else puts it there; always in recovery.mcap"),
     Topic("/diagnostics", DIAGNOSTICS, "", "", "health of the node, 1 Hz", latched=False, depth=10),
 )
 
-PLAYED = ("~/state", "~/force_markers", "~/net_force", "~/camera_info", "~/rendered")
+PLAYED = ("~/state", "~/force_markers", "~/net_force", "~/net_force_sd", "~/camera_info", "~/rendered")
 RESULTS = ("~/material_field", "~/force_field", "~/stiffness_markers", "~/quality")

@@ -101,6 +101,8 @@ def _medians(statuses: Sequence[Status]) -> str:
     for name, label, worst, form in (
         ("young_ratio_error", "error of the ratio of two parts, log10", max, ".3f"),
         ("net_force_cosine", "force cosine", min, ".3f"),
+        ("net_force_inside_1sd", "components of the net force inside one standard deviation", min, ".0%"),
+        ("net_force_inside_2sd", "inside two", min, ".0%"),
         ("false_force_ratio", "false force", max, ".1%"),
         ("trajectory_rmse_over_rms_motion", "trajectory", max, ".3f"),
     ):

@@ -9,12 +9,13 @@ import numpy as np
 import torch
 
 from ..start.values import explained_badly
-from ..types import Recovery
+from ..types import Recovery, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
 from .evidence import Moved
 from .fit import Fitted
 from .loss import Terms
+from .net_force import linear_twin, missed_of_frame, with_doubt
 from .observed import displacement_scale
 from .posterior import Confidence, Explained, of_answer
 from .prepared import Prepared
@@ -32,12 +33,13 @@ class Candidate:
     core: Core
     misfit: float  # in the loss's own terms, without priors
     track_rms_m: float  # of one coordinate [m]
+    start: StartValues  # its physics as those of start values
 
 
-def _candidate(problem: Problem, core: Core) -> Candidate:
+def _candidate(problem: Problem, core: Core, start: StartValues) -> Candidate:
     forward, tensor = problem.forward, problem.forward.simulator.tensor
     moved = Moved(forward.simulator.x_rest + tensor(core.displacement), tensor(core.F), forward.density_of(tensor(core.force), core.field_force))
-    return Candidate(core, problem.objective.misfit(moved), problem.objective.track_rms(moved.x))
+    return Candidate(core, problem.objective.misfit(moved), problem.objective.track_rms(moved.x), start)
 
 
 def answered(fitted: Fitted, clock: Clock) -> Recovery:
@@ -47,7 +49,7 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
         with torch.no_grad():
             terms = fitted.model()
     linear = _linear(fitted)
-    simulated = None if terms is None or terms.motion is None or not fitted.simulated else _candidate(problem, simulated_answer(problem.forward, terms))
+    simulated = None if terms is None or terms.motion is None or not fitted.simulated else _candidate(problem, simulated_answer(problem.forward, terms), as_start(fitted))
     published = problem.settings.experiment.published  # whose motion is always that of the material points
     best = linear if simulated is None or (linear.misfit < simulated.misfit and not published) else simulated
     metrics = {
@@ -88,7 +90,11 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
 
 
 def _assembled(problem: Problem, best: Candidate, confidence: Confidence, metrics: dict[str, Any]) -> Recovery:
-    return assemble(problem.prepared, problem.disc, best.core, problem.renderer, confidence=confidence, substeps=problem.forward.simulator.substeps, metrics=metrics)
+    made = assemble(problem.prepared, problem.disc, best.core, problem.renderer, confidence=confidence, substeps=problem.forward.simulator.substeps, metrics=metrics)
+    if not best.core.refined or not made.force_identified:
+        return with_doubt(made, problem.prepared, problem.settings, best.start)
+    missed_m = missed_of_frame(best.track_rms_m, problem.prepared.tracks.noise_m)
+    return with_doubt(made, problem.prepared, problem.settings, best.start, seen=linear_twin(problem, best.start), missed_m=missed_m)
 
 
 def unexplained(prepared: Prepared, recovery: Recovery) -> bool:
@@ -113,16 +119,17 @@ def _still(problem: Problem) -> Candidate:
     start = problem.prepared.start
     none = np.zeros_like(start.initial_displacement)
     silent = replace(start, force=np.zeros_like(start.force), initial_displacement=none, initial_velocity=none)
-    return _candidate(problem, linear_answer(replace(problem.prepared, start=silent), problem.disc))
+    return _candidate(problem, linear_answer(replace(problem.prepared, start=silent), problem.disc), silent)
 
 
 def _linear(fitted: Fitted) -> Candidate:
     """The linear motion of the start values, or of what the linear engine has made of them where that is nearer."""
     problem = fitted.model.problem
-    begun = _candidate(problem, linear_answer(problem.prepared, problem.disc))
+    begun = _candidate(problem, linear_answer(problem.prepared, problem.disc), problem.prepared.start)
     if fitted.simulated or not np.isfinite(fitted.value):
         return begun
-    found = _candidate(problem, linear_answer(replace(problem.prepared, start=as_start(fitted)), problem.disc))
+    start = as_start(fitted)
+    found = _candidate(problem, linear_answer(replace(problem.prepared, start=start), problem.disc), start)
     return found if found.misfit < begun.misfit else begun
 
 

@@ -66,6 +66,8 @@ def _headline(recovery: Recovery, scale: Scale) -> str:
 def _peak_in_words(recovery: Recovery, scale: Scale) -> str:
     if not recovery.force_identified:
         return "force not identified"
+    if scale.absolute:
+        return f"peak net force {recovery.net_force_peak:.3g} ({recovery.net_force_peak_sd:.2g}) N"
     net, name, unit = recovery.net_quantity(scale)
     return f"peak {name} {np.linalg.norm(net, axis=1).max():.3g} {unit}" if unit else "force relative: no length is told"
 
@@ -158,18 +160,23 @@ def _material_words(recovery: Recovery, scale: Scale, truth: Truth | None) -> st
 
 def _draw_force(axes: Axes, recovery: Recovery, period_s: float, scale: Scale, truth: Truth | None) -> None:
     net, name, unit = recovery.net_quantity(scale)
+    banded = recovery.force_identified and scale.absolute
     edges = np.arange(len(net) + 1) * period_s  # force[k] acts from t_k to t_k+1
     size = np.linalg.norm(net, axis=1)
     _shade(axes, edges, size > ACTIVE_SHARE * max(float(size.max()), 1e-30))
     axes.axhline(0, color="#bbbbbb", linewidth=0.8)
     for component, (axis, colour) in enumerate(zip("xyz", COMPONENTS, strict=True)):
         axes.stairs(net[:, component], edges, color=colour, linewidth=1.8, label=axis, baseline=None)
+        if banded:
+            sd = recovery.net_force_sd[:, component]
+            axes.stairs(net[:, component] + sd, edges, baseline=net[:, component] - sd, fill=True, color=colour, alpha=0.15, linewidth=0)
         if truth is not None:
             true = truth.net_force[:, component]
             axes.stairs(true, np.arange(len(true) + 1) * period_s, color=colour, linewidth=1.1, linestyle=(0, (3, 2)), baseline=None)
     if truth is not None:
         axes.plot([], [], color=NET, linewidth=1.1, linestyle=(0, (3, 2)), label="truth")
-    axes.set_title(f"{name}, world frame" + ("" if recovery.force_identified else " (not identified)"), **_STYLE)
+    said = "" if recovery.force_identified else " (not identified)"
+    axes.set_title(f"{name}, world frame" + (" (band: one standard deviation)" if banded else said), **_STYLE)
     axes.set_xlabel("time [s]", **_STYLE)
     axes.set_ylabel(_named(name, unit), **_STYLE)
     axes.set_xlim(0, edges[-1])

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import folder as folders
 from .. import result
-from .force import net_force, score_force
+from .force import net_force, score_force, score_force_sd
 from .modal import score_modal
 from .stiffness import score_young
 from .truth import RECOVERY, TRUTH, Arrays, match, on_truth_frames, read, read_truth, spread
@@ -31,6 +31,8 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     net force over force-free frames / true peak; net_force_relative_rmse: rms error of the net force over its rms;
     modal_force_relative_rmse: likewise of the generalised force on the true motion's leading modes, a list;
     trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
+    net_force_inside_1sd, net_force_inside_2sd: share of the components of the net force, over frames that carry one, off by no more than one or two
+    stated standard deviations; net_force_relative_sd: rms of these over the rms of the true net force; force_peak_stated_n, force_peak_sd_n: the stated peak and its standard deviation.
     With them young_pa, young_true_pa (by part) and force_peak_n, force_peak_true_n, and what was stated of E: see score_young.
     Raises InputError for unreadable files.
     """
@@ -41,6 +43,7 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     return {
         **score_young(truth, nearest, recovery),
         **score_force(truth, force),
+        **score_force_sd(truth, recovery),
         **score_modal(truth, force),
         "trajectory_rmse_over_rms_motion": _score_motion(truth, vertices, recovery),
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .truth import Arrays, free_volume
+from .truth import STATED_FORCE, Arrays, free_volume
 
 ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
 FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
@@ -13,6 +13,26 @@ FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy 
 def net_force(truth: Arrays) -> np.ndarray:
     """True net force on the unclamped vertices [N], shape (T, 3)."""
     return np.einsum("tnc,n->tc", truth["force_density"].astype(float), free_volume(truth))
+
+
+def score_force_sd(truth: Arrays, recovery: Arrays) -> dict[str, object]:
+    """Whether the truth lies where the net force and its peak were stated to lie; empty where the recovery states nothing.
+
+    Components of frames count that carry a force, in the truth or in the recovery. Errors of a clip's frames go together, so that the shares are figures of a clip, not so many
+    independent trials.
+    """
+    if not {"net_force", *STATED_FORCE} <= recovery.keys() or not np.isfinite(recovery["net_force_sd"]).all():
+        return {}
+    true = net_force(truth)
+    found, sd = (recovery[name][: len(true)].astype(float) for name in ("net_force", "net_force_sd"))
+    true = true[: len(found)]
+    size = np.linalg.norm(true, axis=1)
+    counted = (sd > 0).any(1) | (size > ACTIVE_SHARE * size.max())
+    off = np.abs(found - true)[counted]
+    inside = {f"net_force_inside_{k}sd": float((off <= k * sd[counted]).mean()) if counted.any() else None for k in (1, 2)}
+    scale = np.sqrt((true**2).sum())
+    relative = float(np.sqrt((sd**2).sum()) / scale) if scale else None
+    return {**inside, "net_force_relative_sd": relative, "force_peak_stated_n": float(recovery["net_force_peak"]), "force_peak_sd_n": float(recovery["net_force_peak_sd"])}
 
 
 def score_force(truth: Arrays, force: np.ndarray) -> dict[str, object]:

@@ -19,10 +19,11 @@ TRUTH = {
     "rest_vertices": "number V 3", "positions": "number T V 3", "part_E": "number n", "vertex_E": "number V", "vertex_part": "whole V", "interface": "truth V",
     "vertex_volume": "number V", "clamped": "truth V", "force_density": "number T V 3",
 }  # fmt: skip
+STATED_FORCE = ("net_force_sd", "net_force_peak", "net_force_peak_sd")
 RECOVERY = {name: shapes.RECOVERY[name] for name in ("points", "young", "force", "trajectory")}
 _WHERE_KNOWN = {  # read where they are there
     "stamps_ns": "?whole s", "time": "?number s", "fps": "?number", "period_s": "?number", "part_rho": "?number n", "vertex_mass": "?number V",
-    **{name: f"?{shapes.RECOVERY[name]}" for name in ("density", "log10_young_sd", "log10_specific_sd", "young_lower")},
+    **{name: f"?{shapes.RECOVERY[name]}" for name in ("density", "log10_young_sd", "log10_specific_sd", "young_lower", *STATED_FORCE)}, "net_force": "?real T 3",
 }  # fmt: skip
 
 Arrays = Mapping[str, np.ndarray]
@@ -60,12 +61,12 @@ def on_truth_frames(recovery: Arrays, truth: Arrays, source: str | Path) -> tupl
     if inside.sum() < 2 or length < 2:
         raise InputError(f"recovery {source}: lasts {inside.sum()} frames of the truth, at least 2 are compared; give the truth of this clip")
     ratio, at = float(np.median(np.diff(at))), at[inside]
-    force = recovery["force"].astype(float)
+    acting = {name: recovery[name].astype(float) for name in ("force", "net_force", "net_force_sd") if name in recovery}
     # cubic: on the straight line between two of every other frame a swing would lose 5 % of its size
     path = make_interp_spline(np.arange(length), recovery["trajectory"].astype(float), k=min(3, length - 1))
     resampled = {
         "trajectory": path(at),
-        "force": np.stack([_mean_between(force, start, min(start + ratio, len(force))) for start in at]),
+        **{name: np.stack([_mean_between(each, start, min(start + ratio, length)) for start in at]) for name, each in acting.items()},
     }
     return {**recovery, **resampled}, {**truth, **{name: truth[name][inside] for name in ("positions", "force_density")}}
 
@@ -97,7 +98,7 @@ def _first_frame(recovery: Arrays, truth: Arrays) -> int:
 
 
 def _mean_between(force: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Mean over [start, end] in frames of a force (T, N, 3) that stays as it is from each frame to the next."""
+    """Mean over [start, end] in frames of what acts, (T, ...), and stays as it is from each frame to the next."""
     frames = np.arange(int(start), min(int(np.ceil(end)), len(force)))
     weight = np.minimum(frames + 1, end) - np.maximum(frames, start)
     return np.tensordot(weight / weight.sum(), force[frames], 1)

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares, minimize
 from ..differences import differences
 from ..footprints import Footprint
 from ..linear_systems import solved
+from ..modes.interpolation import quadrature
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
@@ -56,6 +57,16 @@ class Solution:
 
 
 @dataclass(frozen=True)
+class System:
+    """The linear problem of the force at given physics and footprint; u unknowns: amplitudes of the allowed frames (3 F), then initial displacements and rates."""
+
+    design: np.ndarray  # observed motion per unit of each unknown [m], (T, d, u)
+    unit: float  # of the amplitudes [N/m^3]
+    initial_unit: np.ndarray  # of initial displacements and rates, (2, m)
+    shapes: np.ndarray  # eigenmodes, (r, r)
+
+
+@dataclass(frozen=True)
 class ForceProblem:
     """All frames of compressed tracks, and what is allowed to act."""
 
@@ -74,7 +85,15 @@ class ForceProblem:
     @cached_property
     def uniform_load(self) -> np.ndarray:
         """Modal loads (r, 3) of unit uniform force densities."""
-        return self.modal.footprint_load()
+        return self.footprint_load(Footprint())
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (Q, 3) all over the body, the volumes that they stand for [m^3] (Q,), and modal loads (Q, 3, r) of unit densities on these."""
+        modal = self.modal
+        points, volume, shape = quadrature(modal.nodes, modal.tets)
+        basis = modal.basis.reshape(len(modal.nodes), -1)[np.repeat(modal.tets, 4, 0)]
+        return points, volume, (volume[:, None] * np.einsum("qn,qnf->qf", shape, basis)).reshape(-1, 3, modal.modes)
 
     @cached_property
     def _calm(self) -> np.ndarray:
@@ -89,6 +108,16 @@ class ForceProblem:
 
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
+        system = self.system(physics, footprint)
+        unknown, residual = self._least_squares(system.design)
+        force, split = np.zeros((len(self.known), 3)), 3 * int(self.allowed.sum())
+        force[self.allowed] = unknown[:split].reshape(-1, 3) * system.unit
+        start = system.initial_unit * unknown[split:].reshape(system.initial_unit.shape)
+        displacement, velocity = start @ system.shapes[:, : start.shape[1]].T
+        return Solution(float(residual @ residual), force, displacement, velocity, residual)
+
+    def system(self, physics: Physics, footprint: np.ndarray) -> System:
+        """What `solve` solves."""
         omega2, shapes = self.modal.eigen(physics.young, physics.density)
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
         step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
@@ -96,12 +125,15 @@ class ForceProblem:
         unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
         initial_unit = self._initial_unit(omega2)
         design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
-        unknown, residual = self._least_squares(design)
-        force, split = np.zeros((len(self.known), 3)), 3 * len(frames)
-        force[frames] = unknown[:split].reshape(-1, 3) * unit
-        start = initial_unit * unknown[split:].reshape(initial_unit.shape)
-        displacement, velocity = start @ shapes[:, : start.shape[1]].T
-        return Solution(float(residual @ residual), force, displacement, velocity, residual)
+        return System(design, float(unit), initial_unit, shapes)
+
+    def gain(self, system: System) -> tuple[np.ndarray, np.ndarray]:
+        """How the unknowns that `solve` finds follow the motion [1/m], (u, K, d) over the known frames, and the true unknowns, (u, u): less than the identity by what
+        the priors take off."""
+        design = system.design[self.known].reshape(-1, system.design.shape[2]) / self.sigma_m
+        normal = design.T @ design + self._calm.T @ self._calm + SINGULAR * np.eye(design.shape[1])
+        gain = solved(normal, design.T)
+        return gain.reshape(len(gain), -1, system.design.shape[1]) / self.sigma_m, gain @ design
 
     def _forced(self, step: Step, seen: np.ndarray, load: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """Observed motion (T, d, 3 F) per unit amplitude in each of the frames (F,); load (r, 3) on the eigenmodes."""
@@ -169,15 +201,13 @@ class ForceProblem:
         """Uniform, or a Gaussian footprint where that explains the motion clearly better."""
         uniform = self.solve(physics, self.uniform_load).cost
         needed = min(GAUSSIAN_GAIN * uniform, uniform - self.least_drop * self.known.sum())
-        low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
-        length = (high - low).max()
+        low, high, length = self._extent
 
         def cost(p: np.ndarray) -> float:
             inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
             return self.solve(physics, self.footprint_load(Footprint("gaussian", np.r_[p[:2], np.exp(p[2])]))).cost if inside else np.inf
 
-        centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
-        start = min((np.r_[c, np.log(w * length)] for c in centres for w in WIDTHS), key=cost)
+        start = min((np.r_[each.parameters[:2], np.log(each.parameters[2])] for each in self.local_footprints), key=cost)
         if cost(start) > uniform - PROMISING * (uniform - needed):
             return Footprint()
         simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
@@ -187,9 +217,28 @@ class ForceProblem:
             return Footprint()
         return Footprint("gaussian", np.r_[found[:2], np.exp(found[2])])
 
+    @property
+    def _extent(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Lowest and highest x and y of the body [m], and the longer side between them."""
+        low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
+        return low, high, float((high - low).max())
+
+    @property
+    def local_footprints(self) -> list[Footprint]:
+        """Gaussian ones all over the body, of several widths."""
+        low, high, length = self._extent
+        centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
+        return [Footprint("gaussian", np.r_[centre, width * length]) for centre in centres for width in WIDTHS]
+
     def footprint_load(self, footprint: Footprint) -> np.ndarray:
         """Modal loads (r, 3) of unit amplitudes."""
-        return self.uniform_load if footprint.family == "uniform" else self.modal.footprint_load(footprint.weights)
+        points, _, load = self._places
+        return np.tensordot(footprint.weights(points), load, 1).T
+
+    def footprint_volume(self, footprint: Footprint) -> float:
+        """Net force over amplitude [m^3]."""
+        points, volume, _ = self._places
+        return float(footprint.weights(points) @ volume)
 
 
 def _shifted(flags: np.ndarray, by: int) -> np.ndarray:

@@ -38,9 +38,7 @@ def read_again(
         camera: for the lines of sight, where the tracks have no depth.
         refined: whether stiffness and damping follow the new footprint.
     """
-    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief=start, first_order=True)
-    support = Support(_inner(start.forced), start.has_free_tail, start.observed_hz, start.decay_per_s, 0.0)
-    begun = Fit(evidence, modal, support, Physics(start.young, start.damping, np.zeros(0)), start.footprint)
+    begun = fit_at(body, tracks, period_s, settings, start, modal, camera=camera, first_order=True)
     found = run(footprint_again(), begun)
     if not _cost(found) < GAUSSIAN_GAIN * _cost(begun):
         return None
@@ -49,10 +47,21 @@ def read_again(
     return replace(start, **of_motion(found))
 
 
+def fit_at(
+    body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera, first_order: bool
+) -> Fit:
+    """The fit that would end with `start`, on tracks that hold what is of first order alone, or all; other arguments as for read_again."""
+    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief=start, first_order=first_order)
+    support = Support(_inner(start.forced), start.has_free_tail, start.observed_hz, start.decay_per_s, 0.0)
+    return Fit(evidence, modal, support, Physics(start.young, start.damping, np.zeros(0)), start.footprint)
+
+
 def _inner(forced: np.ndarray) -> np.ndarray:
-    """Forced frames (T,) without the one at either side that Support.allowed adds."""
+    """Forced frames (T,) without the one at either side that Support.allowed adds; all of one or two that have no more beside them."""
     held = np.r_[True, forced, True]
-    return forced & held[:-2] & held[2:]
+    inner = forced & held[:-2] & held[2:]
+    added = np.r_[False, inner[:-1]] | np.r_[inner[1:], False]
+    return inner | (forced & ~added)
 
 
 def _cost(fit: Fit) -> float:

@@ -30,6 +30,9 @@ class Recovery:
     log10_specific_sd: np.ndarray  # of log10(young / density), shape (N,)
     force: np.ndarray  # [N/m^3 of rest volume, in the same sense], float32, shape (T, N, 3); force[k] acts in [t_k, t_k+1)
     trajectory: np.ndarray  # [m], float32, shape (T, N, 3)
+    net_force_sd: np.ndarray  # of each component of net_force() [N], shape (T, 3); 0 in frames without a force, NaN where the force is not identified
+    net_force_peak: float  # largest size of the net force [N]: a mean over what is off about it; NaN where it is not identified
+    net_force_peak_sd: float  # [N]
     clamped: np.ndarray  # bool, shape (N,): more than half held by the clamp (particles.held_by), all within 2/3 of a cell of it; left out of net forces
     frames: np.ndarray | None  # rendered, uint8 RGB, shape (T, H, W, 3)
     world_from_body: np.ndarray  # rigid transform, m, shape (4, 4): of the body frame, which grid, gravity and simulation are in

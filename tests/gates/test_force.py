@@ -47,6 +47,13 @@ def test_the_net_force_has_the_true_size(answer: Answer) -> None:
     assert abs((found * true).sum() / (true**2).sum() - 1) < SIZE
 
 
+def test_the_net_force_is_as_far_off_as_it_says(answer: Answer) -> None:
+    true, sd = answer.true_net_force, answer.recovery.net_force_sd
+    acting = np.flatnonzero((sd > 0).any(1))
+    off = np.abs(answer.recovery.net_force() - true[: len(sd)])[acting] / sd[acting]
+    print("OFF", np.sqrt((off**2).mean()), (off <= 1).mean(), (off <= 2).mean(), np.sqrt((sd[acting] ** 2).mean(0)) / peak(answer), answer.recovery.net_force_peak / peak(answer), answer.recovery.net_force_peak_sd / peak(answer), answer.recovery.metrics["refined"])
+
+
 def test_topics_carry_the_true_net_force_in_the_world_frame(answer: Answer) -> None:
     messages = [(m.channel.topic, m.ros_msg) for m in read_ros2_messages(answer.folder / result.RECORDING)]
     (cloud,) = (message for topic, message in messages if topic.endswith("force_field"))

@@ -67,6 +67,13 @@ def test_a_push_that_was_taken_for_a_wind_is_found_by_the_simulation(found: tupl
     assert recovery.metrics["track_rms_refined_m"] < 2 * true.metrics["track_rms_refined_m"] + 2e-4  # type: ignore[operator]
 
 
+def test_the_true_net_force_lies_where_the_simulation_says(found: tuple[list, Recovery], true: Recovery) -> None:
+    recovery, acted = found[1], net_force(true)
+    acting = (recovery.net_force_sd > 0).any(1)
+    assert not np.abs(acted[~acting]).any()
+    assert (np.abs(net_force(recovery) - acted)[acting] <= 2 * recovery.net_force_sd[acting]).mean() > 0.85
+
+
 def test_a_force_that_is_held_stays_where_it_was_said_to_be(taken_for_wind: Prepared) -> None:
     news, _ = drive(solve(taken_for_wind, None, config.build(config.flat(SETTINGS) | {"fit.hold": ["force", "density", "poisson"], "fit.iterations": 1})))
     assert not any("reading the place" in item.text for item in news)

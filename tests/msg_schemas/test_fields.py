@@ -260,7 +260,7 @@ def test_quality_has_one_status_per_part_with_the_documented_keys(made_recovery,
     statuses = answer(told, made_clip).quality()["status"]
     *statuses, force = statuses
     assert len(statuses) == 2
-    assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source", "peak_net_force_over_mass", "scale"]
+    assert list(messages.values_of(force)) == ["identified", "reason", "peak_net_force", "density_source", "peak_net_force_over_mass", "scale", "peak_net_force_sd"]
     keys = ["identified", "reason", "young_modulus", "log10_young_sd", "density_source", "metric_scale_source", "young_over_density", "young_relative", "scale"]
     assert [list(messages.values_of(s)) for s in statuses] == [keys, keys]
     assert [s["level"] for s in statuses] == [messages.OK, messages.WARN]
@@ -274,7 +274,15 @@ def test_quality_says_whether_the_force_is_known_and_why(made_recovery, made_cli
     assert (force["name"], force["level"]) == ("fit_node: force", level)
     values = messages.values_of(force)
     assert (values["identified"], values["reason"]) == (str(known).lower(), "the camera moves.")
-    assert float(values["peak_net_force"]) == pytest.approx(np.linalg.norm(made_recovery.net_force(), axis=1).max(), rel=1e-5)
+    assert float(values["peak_net_force"]) == pytest.approx(made_recovery.net_force_peak, rel=1e-5)
+    assert float(values["peak_net_force_sd"]) == pytest.approx(made_recovery.net_force_peak_sd, rel=1e-5)
+
+
+def test_the_deviation_of_the_net_force_has_the_wrench_s_stamp_and_frame(made_recovery, made_clip):
+    found = answer(made_recovery, made_clip)
+    told = [found.net_force_sd(k) for k in range(len(found))]
+    np.testing.assert_array_equal([[m["vector"][c] for c in "xyz"] for m in told], made_recovery.net_force_sd)
+    assert [m["header"] for m in told] == [found.net_force(k)["header"] for k in range(len(found))]
 
 
 def test_the_force_so_far_times_its_volume_is_the_net_force():
