@@ -17,6 +17,8 @@ from .conftest import Answer, Recover
 
 EVERY_FRAME = 0.15  # of the true peak, that the force of one forced frame may be off
 SIZE = 0.07  # of the whole: recovered force projected on the true one
+INSIDE = 0.85  # of components, inside two stated deviations
+VAGUEST = 0.6  # of the force, rms: most that its deviations may be, where a wind and a push about the outer half are hardly told apart
 TOPICS = 0.001  # of the true peak, by which topics may differ from the file: they are single precision
 
 
@@ -47,11 +49,12 @@ def test_the_net_force_has_the_true_size(answer: Answer) -> None:
     assert abs((found * true).sum() / (true**2).sum() - 1) < SIZE
 
 
-def test_the_net_force_is_as_far_off_as_it_says(answer: Answer) -> None:
-    true, sd = answer.true_net_force, answer.recovery.net_force_sd
-    acting = np.flatnonzero((sd > 0).any(1))
-    off = np.abs(answer.recovery.net_force() - true[: len(sd)])[acting] / sd[acting]
-    print("OFF", np.sqrt((off**2).mean()), (off <= 1).mean(), (off <= 2).mean(), np.sqrt((sd[acting] ** 2).mean(0)) / peak(answer), answer.recovery.net_force_peak / peak(answer), answer.recovery.net_force_peak_sd / peak(answer), answer.recovery.metrics["refined"])
+def test_the_true_net_force_lies_where_it_is_stated_to_lie_and_that_says_something(answer: Answer) -> None:
+    found, sd = answer.recovery.net_force(), answer.recovery.net_force_sd
+    true, acting = answer.true_net_force[: len(sd)], (sd > 0).any(1)
+    assert (np.abs(found - true)[acting] <= 2 * sd[acting]).mean() > INSIDE
+    assert np.sqrt((sd**2).sum() / (true**2).sum()) < VAGUEST
+    assert abs(answer.recovery.net_force_peak - peak(answer)) < 2 * answer.recovery.net_force_peak_sd < peak(answer)
 
 
 def test_topics_carry_the_true_net_force_in_the_world_frame(answer: Answer) -> None:
