@@ -48,7 +48,7 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
 
 def density_changes(tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
     """Changes (n, m) of ln(density) by one standard deviation of each of what the tail leaves open, which are independent, and those of ln E that follow."""
-    changes, _ = _untold(tail, physics, bend, body, scene, contrast)
+    changes, _ = _untold(tail, physics, bend, body, scene, contrast, physics.detune)
     return changes, _taken_on(bend, _misfit_by_density(tail, physics, body)) @ changes
 
 
