@@ -74,7 +74,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
     from ..depth import placed
     from ..prior import believing
-    from ..start import joint_values, joint_wanted, start_values
+    from ..start import joint_values, joint_wanted, parted_by_stiffness, start_values
     from .doubts import doubts_of
     from .zones import zones_of
 
@@ -102,6 +102,11 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
+    if prior is None and _may_hide_a_border(body, tracks, start, settings):
+        parted_by = parted_by_stiffness(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera)
+        if parted_by is not None:
+            body, start, modal = parted_by.body, parted_by.start, parted_by.modal
+            yield Progress("modes", text=f"{body.parts} parts {body.sources['parts']}")
     if seen is not None:
         start = with_hanging(start, seen.hanging)
         hanging = replace(seen.hanging, swing=swing_of(seen.whole, seen, start))
@@ -114,6 +119,12 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     for doubt in doubts:
         yield Progress("modes", text=doubt.text)
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
+
+
+def _may_hide_a_border(body: Body, tracks: Tracks, start: StartValues, settings: Settings) -> bool:
+    """Whether parts that look alike are to be told apart by stiffness: points tell of modes that an outline does not, and a field has its zones."""
+    wanted = settings.fit.material_field == "part" and not settings.experiment.published and settings.experiment.schedule != "joint"
+    return wanted and body.parts == 1 and settings.segment.max_parts > 1 and body.clamped and tracks.normals is None and start.has_free_tail
 
 
 def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tuple[OnTripod, np.ndarray, DepthSource, Body]]:

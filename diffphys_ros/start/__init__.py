@@ -1,9 +1,10 @@
 """The first answer, by the linear engine alone: Young's modulus per part, damping and force.
 
 Reading order: evidence, free_tail (the problem of the free frames), force (the problem of all frames), stages (what is fitted after what),
-uncertainty, values (all of it); zone_layout and zones (a modulus per zone).
+uncertainty, values (all of it); zone_layout, zones (a modulus per zone) and borders (of materials that look alike).
 """
 
+from .borders import parted_by_stiffness
 from .values import joint_values, joint_wanted, start_values
 
-__all__ = ["joint_values", "joint_wanted", "start_values"]
+__all__ = ["joint_values", "joint_wanted", "parted_by_stiffness", "start_values"]

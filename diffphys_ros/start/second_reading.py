@@ -52,8 +52,12 @@ def fit_at(
 ) -> Fit:
     """The fit that would end with `start`, on tracks that hold what is of first order alone, or all; other arguments as for read_again."""
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief=start, first_order=first_order)
-    support = Support(_inner(start.forced), start.has_free_tail, start.observed_hz, start.decay_per_s, 0.0)
-    return Fit(evidence, modal, support, Physics(start.young, start.damping, np.zeros(0)), start.footprint)
+    return Fit(evidence, modal, support_of(start), Physics(start.young, start.damping, np.zeros(0)), start.footprint)
+
+
+def support_of(start: StartValues) -> Support:
+    """The forced frames of start values."""
+    return Support(_inner(start.forced), start.has_free_tail, start.observed_hz, start.decay_per_s, 0.0)
 
 
 def _inner(forced: np.ndarray) -> np.ndarray:

@@ -1,0 +1,271 @@
+"""A border of two materials that look alike, where stiffness shows it: two moduli explain the free motion that one does not.
+
+The body is cut into zones along its limbs; each of the cuts between them is tried as the border, with a modulus on either side. The modes of
+the cut body follow from one basis, so that a cut costs a fit of the free frames and no finite elements. Where the border lies, and how surely,
+follows from the misfits of neighbouring cuts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..config import Settings
+from ..modes.model import ModalModel
+from ..types import Body, Camera, StartValues, Tracks
+from ..vibration.coordinates import observe
+from .densities import DENSITY_CONTRAST, Densities
+from .evidence import Evidence
+from .free_tail import DETUNED, Physics, Tail
+from .second_reading import support_of
+from .uncertainty import OPEN_SD, Bend
+from .values import WIDEST_SD, start_values
+from .zone_layout import Division, path_length
+
+# errors of the model are the same in all frames, so that frames do not count one by one: the misfit itself must fall
+LEAST_FALL = 0.8  # of the misfit by a border, over what is left: up to .56 on bodies of one material, 1.1 and more with a border that was found [docs/limits.md]
+MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
+RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
+MOST_LOG_SD = OPEN_SD * np.log(10.0)  # of ln E where a fit runs off [derived]
+LEAST_PLACE_SD = 0.25  # of the border's place, in steps between cuts [numerical]
+
+
+@dataclass(frozen=True)
+class Parted:
+    """A body with parts that stiffness tells apart, and what was found of it."""
+
+    body: Body
+    start: StartValues
+    modal: ModalModel
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A way to divide one of n parts of a body of K zones."""
+
+    label: np.ndarray  # 0..n, the part of each zone then, from the clamp outwards, (K,)
+    divided: int  # 0..n-1: which part; what lies beyond the cut is the next one, and the others count on
+    before: int  # the zone at the cut, on the clamp's side
+    place: float  # of the border: way from the clamp over the longest
+
+    def beyond(self, other: Cut) -> bool:
+        """Whether less of the same part lies beyond this cut than beyond another, and nothing else."""
+        outer, others = self.label == self.divided + 1, other.label == other.divided + 1
+        return self.divided == other.divided and not (outer & ~others).any() and bool((others & ~outer).any())
+
+
+@dataclass(frozen=True)
+class Tried:
+    """The free frames' fit of a body."""
+
+    cut: Cut
+    chi2: float  # misfit and priors
+    physics: Physics
+    variance: np.ndarray  # of ln E of each part, (n,)
+
+    @classmethod
+    def best(cls, tail: Tail, cut: Cut, starts: Iterable[Physics]) -> Tried:
+        """Of the searches from some starts."""
+        cost, physics = min((tail.search(start) for start in starts), key=lambda pair: pair[0])
+        return cls(cut, 2 * cost, physics, np.diag(Bend.of(tail, physics).inverse)[: len(physics.young)])
+
+
+@dataclass(frozen=True)
+class Border:
+    """The best cut, moved to where its neighbours' misfits say."""
+
+    cut: Cut
+    place: float  # way from the clamp over the longest
+    place_sd: float
+    log_young_sd: np.ndarray  # of ln E per part by the place alone, (n + 1,)
+
+
+@dataclass(frozen=True)
+class Zones:
+    """A body cut into K zones, with the free frames' fit of any grouping of them."""
+
+    evidence: Evidence
+    start: StartValues
+    division: Division
+    volume: np.ndarray  # of each zone [m^3], (K,)
+    modal: ModalModel  # with stiffness and inertia per zone
+    weighed: bool  # whether densities that nobody told are fitted as well
+
+    @classmethod
+    def of(cls, evidence: Evidence, start: StartValues, *, weighed: bool) -> Zones:
+        """Of a body whose parts have the start values' moduli."""
+        from ..elements.assemble import Elements, modal_model
+
+        division = Division.of(evidence.body)
+        zoned = division.divide(evidence.body)
+        modal = modal_model(Elements.of(zoned, apart=True), [start.young[division.part - 1]], [MODES], varied=VARIED)
+        return cls(evidence, start, division, zoned.part_volumes_m3, modal, weighed)
+
+    def tail(self, label: np.ndarray) -> Tail:
+        """The free frames of a body whose zones are of the parts 0.. that `label` (K,) says."""
+        count = int(label.max()) + 1
+
+        def summed(values: np.ndarray) -> np.ndarray:
+            return np.stack([values[label == part].sum(0) for part in range(count)])
+
+        modal, volume = self.modal, summed(self.volume)
+        density = summed(self.modal.density * self.volume) / volume
+        stiffness, inertia, prestress, weight = (summed(each) for each in (modal.stiffness, modal.inertia, modal.prestress, modal.weight))
+        young = np.exp(summed(np.log(modal.reference) * self.volume) / volume)
+        modal = replace(modal, stiffness=stiffness, inertia=inertia, prestress=prestress, weight=weight, density=density, reference=young)
+        untold = self.weighed and count > 1 and self.evidence.settings.scene.density_kg_m3 is None
+        densities = Densities(density, volume, DENSITY_CONTRAST) if untold else None
+        return replace(self.evidence, densities=densities).tail(modal, support_of(self.start))
+
+    def fitted(self) -> Tried:
+        """Without a cut."""
+        whole = Cut(self.division.part.astype(int) - 1, 0, 0, 0.0)
+        tail = self.tail(whole.label)
+        density = None if tail.densities is None else self.start.density
+        return Tried.best(tail, whole, [Physics(self.start.young, self.start.damping, np.zeros(DETUNED), density)])
+
+    def tried(self, cut: Cut, uncut: Physics) -> Tried:
+        """With one, begun at what was found without."""
+        tail, own = self.tail(cut.label), np.insert(np.arange(len(uncut.young)), cut.divided + 1, cut.divided)
+        density = None if tail.densities is None or uncut.density is None else uncut.density[own]
+        beyond = np.arange(len(own)) == cut.divided + 1
+        return Tried.best(tail, cut, (replace(uncut, young=np.where(beyond, ratio, 1.0) * uncut.young[own], density=density) for ratio in RATIOS))
+
+    def scan(self) -> Scan:
+        """The fits with every cut, and without."""
+        uncut = self.fitted()
+        tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
+        return Scan(self.division, self.volume, len(self.tail(uncut.cut.label).data), uncut, tried)
+
+    def divide(self, border: Border) -> Body:
+        """The body with the border between two of its parts."""
+        body, cut = self.evidence.body, border.cut
+        away = path_length(body.inside)
+        away = away / max(float(away[body.inside].max()), 1.0)
+        zone = self.division.zone.astype(int) - 1
+        near = (cut.label[zone] == cut.divided + 1) | (zone == cut.before)
+        part = body.part.astype(int) + (body.part.astype(int) > cut.divided + 1)
+        part = np.where(near, np.where(away > border.place, cut.divided + 2, cut.divided + 1), part)
+        own = np.insert(np.arange(body.parts), cut.divided + 1, cut.divided)
+        return body.with_parts(part[np.nonzero(body.inside)], body.density[own], body.poisson[own])
+
+
+def cuts_of(division: Division) -> Iterator[Cut]:
+    """Between two neighbouring zones of a part, where that leaves the part in two pieces."""
+    zones = np.arange(division.count)
+    for k, pair in enumerate(division.neighbours):
+        a, b = sorted((int(z) for z in pair), key=lambda z: division.away[z])
+        if division.part[a] != division.part[b]:
+            continue
+        inside = division.part == division.part[a]
+        rest = np.array([p for i, p in enumerate(division.neighbours) if i != k and inside[p].all()], int).reshape(-1, 2)
+        graph = coo_matrix((np.ones(len(rest)), tuple(rest.T)), shape=(division.count,) * 2)
+        piece = connected_components(graph, directed=False)[1]
+        if piece[a] == piece[b]:
+            continue
+        divided = int(division.part[a]) - 1
+        outer = inside & (piece == piece[b])
+        label = division.part.astype(int) - 1
+        label = label + ((label > divided) | outer)
+        yield Cut(label, divided, int(zones[a]), 0.5 * float(division.away[a] + division.away[b]))
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What every cut makes of the free frames."""
+
+    division: Division
+    volume: np.ndarray  # of each zone [m^3], (K,)
+    frames: int
+    uncut: Tried
+    tried: list[Tried]
+
+    @property
+    def best(self) -> Tried:
+        """The cut with the least misfit; none where there is no cut."""
+        return min(self.tried, key=lambda each: each.chi2, default=self.uncut)
+
+    @property
+    def fall(self) -> float:
+        """By how much a border lowers the misfit, over what is left, or over what is expected where that is more."""
+        return (self.uncut.chi2 - self.best.chi2) / max(self.best.chi2, self.frames)
+
+    def border(self) -> Border:
+        """The best cut, moved to the least of the parabola through its own misfit and those of its neighbours inwards and outwards."""
+        best = self.best
+        inwards, outwards = ([each for each in self.tried if one(each)] for one in (lambda e: best.cut.beyond(e.cut), lambda e: e.cut.beyond(best.cut)))
+        sides = [max(inwards, key=lambda each: each.cut.place)] if inwards else []
+        sides += [min(outwards, key=lambda each: each.chi2)] if outwards else []
+        away = np.array([each.cut.place - best.cut.place for each in sides])
+        step, shift, sd, side = float(np.abs(away).min(initial=0.5)), 0.0, np.inf, 0
+        if len(sides) == 2:
+            rise = np.array([each.chi2 - best.chi2 for each in sides]) / max(best.chi2 / self.frames, 1.0)
+            bend = float(np.diff(rise / away)[0] / np.ptp(away))
+            if bend > 0:
+                shift = float(np.clip(-(rise[0] / away[0] - bend * away[0]) / (2 * bend), -0.5 * step, 0.5 * step))
+                sd, side = bend**-0.5, int(shift > 0)
+        sd = float(np.clip(sd, LEAST_PLACE_SD * step, step))
+        change = np.log(sides[side].physics.young / best.physics.young) / away[side] if sides else np.zeros(len(best.physics.young))
+        return Border(best.cut, best.cut.place + shift, sd, np.abs(change) * sd)
+
+    def further_variance(self) -> np.ndarray:
+        """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
+        parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
+        scale = max(self.uncut.chi2 / self.frames, 1.0)
+        weight = np.array([np.exp((self.uncut.chi2 - each.chi2) / (2 * scale)) for each in self.tried]) / max(len(self.tried), 1)
+        squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + each.variance[each.cut.label] for each in self.tried]
+        square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts)) / (1.0 + weight.sum())
+        return np.bincount(parts, self.volume * square) / np.bincount(parts, self.volume)
+
+
+def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera | None = None) -> Parted | None:
+    """The body with the borders that its free motion asks for, one after the other; None where it asks for none.
+
+    Args: as for start_values, whose results start and modal are.
+    """
+    variance, found = np.zeros(body.parts), Parted(body, start, modal)
+    words: list[str] = []
+    while found.start.has_free_tail:
+        evidence = Evidence(found.body, tracks, observe(found.body, tracks, camera), period_s, settings)
+        if not words and _explained(evidence, found):
+            break
+        zones = Zones.of(evidence, found.start, weighed=bool(words))
+        scan = zones.scan()
+        if scan.fall < LEAST_FALL or found.body.parts == settings.segment.max_parts:
+            variance = variance + (scan.further_variance() if words else 0.0)
+            break
+        if not words and settings.scene.density_kg_m3 is None:
+            zones = replace(zones, weighed=True)
+            scan = zones.scan()
+        border = scan.border()
+        divided = zones.divide(border)
+        variance = np.insert(variance, border.cut.divided + 1, variance[border.cut.divided]) + border.log_young_sd**2
+        words.append(f"at {100 * border.place:.0f} +- {100 * border.place_sd:.0f} % of the way from the clamp")
+        found = Parted(divided, *start_values(divided, tracks, period_s, settings, camera=camera))
+    if not words:
+        return None
+    source = f"by stiffness, for they look alike: one modulus does not explain the free motion; border {' and '.join(words)}"
+    body = replace(found.body, sources=found.body.sources | {"parts": source})
+    return replace(found, body=body, start=_doubted(found.start, np.sqrt(variance) / np.log(10.0)))
+
+
+def _explained(evidence: Evidence, found: Parted) -> bool:
+    """Whether no border could lower the misfit by as much as is needed."""
+    tail = evidence.tail(found.modal, support_of(found.start))
+    missed = tail.missed_m(Physics(found.start.young, found.start.damping, np.zeros(0)))
+    return bool((missed / tail.sigma_m) ** 2 < LEAST_FALL)
+
+
+def _doubted(start: StartValues, sd: np.ndarray) -> StartValues:
+    """With what the border's place, and borders that were not found, leave open of log10 E, (n,)."""
+    wider = np.hypot(start.log10_young_sd, sd)
+    vague = start.identified & (wider > WIDEST_SD)
+    reasons = tuple(
+        f"log10 E is known to +-{s:.2f} only: stiffness changes where nothing can be seen, and the free motion does not tell well where." if v else f"{r.removesuffix('.')}; a border of this part was found by stiffness."
+        for v, s, r in zip(vague, wider, start.reasons, strict=True)
+    )
+    return replace(start, log10_young_sd=wider, geometry_sd=np.hypot(start.geometry_sd, sd), identified=start.identified & ~vague, reasons=reasons)

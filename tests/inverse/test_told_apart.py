@@ -1,0 +1,43 @@
+"""Parts that only stiffness tells apart become the parts of the clip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import diffphys_ros.start
+from diffphys_ros.inverse import prepare
+from diffphys_ros.progress import finished
+from diffphys_ros.start.borders import Parted
+from tests.boxes import bar, bar_settings, box_clip, camera_at, turned
+
+
+@pytest.fixture
+def seen_parts(monkeypatch: pytest.MonkeyPatch):
+    """How many parts a swinging bar of one colour is prepared with, whose free motion is said to ask for a border in its middle."""
+    clip = box_clip(bar(), [turned(0.06 * np.sin(0.7 * k)) for k in range(12)], camera_at((0.12, -0.6, 0.0), (0.12, 0, 0)))
+    first = diffphys_ros.start.start_values
+
+    def free(*told: object, **more: object):
+        start, modal = first(*told, **more)
+        return replace(start, has_free_tail=True), modal
+
+    def halved(body, tracks, period_s, settings, start, modal, *, camera):
+        part = np.where(body.front.points[:, 0] > 0.1, 2, 1)
+        return Parted(replace(body.with_parts(part, np.full(2, 500.0), np.full(2, 0.3)), sources=body.sources | {"parts": "by stiffness"}), replace(start, density=np.full(2, 500.0)), modal)
+
+    monkeypatch.setattr(diffphys_ros.start, "start_values", free)
+    monkeypatch.setattr(diffphys_ros.start, "parted_by_stiffness", halved)
+    return lambda **told: finished(prepare(clip, bar_settings(**told))).body.parts
+
+
+@pytest.mark.slow
+def test_a_border_that_the_free_motion_asks_for_parts_the_body(seen_parts):
+    assert seen_parts() == 2
+
+
+@pytest.mark.slow
+def test_none_is_asked_for_where_one_part_is_wanted(seen_parts):
+    assert seen_parts(segment__max_parts=1) == 1
