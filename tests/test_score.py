@@ -108,6 +108,26 @@ def test_a_truth_without_densities_scores_no_specific_modulus(tmp_path: Path, tr
     assert "specific_log10_error" not in scored(tmp_path, truth, stated(truth))
 
 
+def test_a_net_force_is_scored_by_how_often_the_truth_lies_where_it_was_stated_to_lie(tmp_path: Path, truth: Arrays) -> None:
+    net = np.einsum("tnc,n->tc", truth["force_density"], np.where(truth["clamped"], 0.0, truth["vertex_volume"]))
+    off, sd = np.zeros_like(net), np.zeros_like(net)
+    sd[3:9] = 0.1  # frame 9 carries a force as well, of which nothing is said: its y is missed
+    off[3:9] = 0.05, 0.15, 0.25
+    off[9, 1] = -net[9, 1]
+    stated = {"net_force": net + off, "net_force_sd": sd, "net_force_peak": np.array(0.9), "net_force_peak_sd": np.array(0.1)}
+    found = scored(tmp_path, truth, exact(truth) | stated)
+    assert found["net_force_inside_1sd"] == pytest.approx((6 + 2) / 21)
+    assert found["net_force_inside_2sd"] == pytest.approx((12 + 2) / 21)
+    assert (found["force_peak_stated_n"], found["force_peak_sd_n"]) == (0.9, 0.1)
+    assert found["net_force_relative_sd"] == pytest.approx(0.1 * np.sqrt(18) / np.sqrt((net**2).sum()))
+
+
+def test_a_net_force_that_is_not_identified_is_not_scored_by_deviations(tmp_path: Path, truth: Arrays) -> None:
+    nothing = np.full((FRAMES, 3), np.nan)
+    stated = {"net_force": np.zeros((FRAMES, 3)), "net_force_sd": nothing, "net_force_peak": np.array(np.nan), "net_force_peak_sd": np.array(np.nan)}
+    assert "net_force_inside_1sd" not in scored(tmp_path, truth, exact(truth) | stated)
+
+
 def test_half_the_force_misses_half_of_it(tmp_path: Path, truth: Arrays) -> None:
     recovery = exact(truth)
     recovery["force"] *= 0.5
