@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tests.made_bar import LENGTH, PERIOD_S, YOUNG, bar, gust, modes_of, motion,
 OFF_M = 0.006  # of the held face from where it is said to be, and its standard deviation
 
 
+@cache
 def started(parts: int, sd_m: float, *, mass: bool = False, freely: bool = True) -> StartValues:
     """Of a bar said to begin OFF_M further out than it does; mass: that is told, not the density; freely: the force ends."""
     edges, young = ((LENGTH / 3,), YOUNG) if parts == 2 else ((), YOUNG[:1])
