@@ -9,7 +9,7 @@ import numpy as np
 
 from .free_tail import Physics, Tail
 from .stages import NARROW_RATIOS, Fit
-from .uncertainty import Bend
+from .uncertainty import OPEN_SD, Bend
 
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
@@ -31,7 +31,7 @@ def clamp_doubt(fit: Fit, mesh: SolidMesh) -> np.ndarray:
     else:
         here, there = (modal.eigen(physics.young)[0][0] for modal in models)
         change = np.full(body.parts, 1 - there / here)
-    return np.abs(change) / step_m * body.clamp_sd_m / np.log(10.0)
+    return np.minimum(np.abs(change) / step_m * body.clamp_sd_m / np.log(10.0), OPEN_SD)  # more where the lowest mode is that of a piece that nothing holds
 
 
 def _elements(fit: Fit, mesh: SolidMesh, behind_m: float) -> Elements:
