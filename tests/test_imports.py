@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "colours"}
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "ways", "colours"}
 SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
@@ -28,6 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "damping": set(),
     "footprints": {"errors"},
     "inpaint": set(),
+    "ways": set(),
     "types": {"errors", "damping", "footprints", "inpaint"},
     "config": {"errors"},
     "devices": {"errors"},

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ..inpaint import nearest_known
-from .along import along
+from ..ways import way_lengths
 
 WINDOW_SHARE = 0.08  # side of the median window that removes texture, as a share of the root of the object's area
 LEAST_DISTANCE = 18.0  # between the colours of two parts, in units of Lab chroma at medium lightness
@@ -42,7 +42,7 @@ def numbered(parts: np.ndarray, clamp_pixel: np.ndarray | None) -> np.ndarray:
     """Parts renumbered 1..n, uint8 (H, W): by the way inside the object from the clamp [px] to their nearest pixel, for a hook's tip hangs nearer
     to the clamp than its bend; without a clamp, largest first."""
     old = np.setdiff1d(np.unique(parts), 0)
-    away = None if clamp_pixel is None or not len(old) else along(parts > 0, clamp_pixel)
+    away = None if clamp_pixel is None or not len(old) else way_lengths(parts > 0, _nearest(parts > 0, clamp_pixel))
     order = sorted(old, key=lambda part: _rank(parts == part, clamp_pixel, away))
     table = np.zeros(256, np.uint8)
     table[order] = np.arange(1, len(order) + 1)
@@ -130,6 +130,14 @@ def _evidence(bins: np.ndarray, mask: np.ndarray, region: np.ndarray) -> np.ndar
     histogram = np.stack([cv2.GaussianBlur(layer, (0, 0), 1.0) for layer in histogram]).ravel() + 0.02
     likelihood = np.where(mask, np.log(histogram / histogram.sum())[bins], 0.0)
     return cv2.GaussianBlur(likelihood, (0, 0), 1.5) / np.maximum(cv2.GaussianBlur(mask.astype(float), (0, 0), 1.5), 1e-3)
+
+
+def _nearest(mask: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """The pixel of a mask (H, W) that is nearest to `pixel` (u, v), bool (H, W)."""
+    v, u = np.nonzero(mask)
+    k, found = np.hypot(u - pixel[0], v - pixel[1]).argmin(), np.zeros_like(mask)
+    found[v[k], u[k]] = True
+    return found
 
 
 def _rank(region: np.ndarray, clamp_pixel: np.ndarray | None, away: np.ndarray | None) -> tuple[float, float]:

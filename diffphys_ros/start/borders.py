@@ -23,7 +23,7 @@ from .evidence import Evidence
 from .free_tail import DETUNED, Physics, Tail
 from .second_reading import support_of
 from .uncertainty import OPEN_SD, Bend
-from .values import WIDEST_SD, start_values
+from .values import start_values, widened
 from .zone_layout import Division, path_length
 
 # errors of the model are the same in all frames, so that frames do not count one by one: the misfit itself must fall
@@ -66,12 +66,13 @@ class Tried:
     chi2: float  # misfit and priors
     physics: Physics
     variance: np.ndarray  # of ln E of each part, (n,)
+    frames: int  # that were fitted
 
     @classmethod
     def best(cls, tail: Tail, cut: Cut, starts: Iterable[Physics]) -> Tried:
         """Of the searches from some starts."""
         cost, physics = min((tail.search(start) for start in starts), key=lambda pair: pair[0])
-        return cls(cut, 2 * cost, physics, np.diag(Bend.of(tail, physics).inverse)[: len(physics.young)])
+        return cls(cut, 2 * cost, physics, np.diag(Bend.of(tail, physics).inverse)[: len(physics.young)], len(tail.data))
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class Zones:
         """The fits with every cut, and without."""
         uncut = self.fitted()
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
-        return Scan(self.division, self.volume, len(self.tail(uncut.cut.label).data), uncut, tried)
+        return Scan(self.volume, uncut, tried)
 
     def divide(self, border: Border) -> Body:
         """The body with the border between two of its parts."""
@@ -156,7 +157,6 @@ class Zones:
 
 def cuts_of(division: Division) -> Iterator[Cut]:
     """Between two neighbouring zones of a part, where that leaves the part in two pieces."""
-    zones = np.arange(division.count)
     for k, pair in enumerate(division.neighbours):
         a, b = sorted((int(z) for z in pair), key=lambda z: division.away[z])
         if division.part[a] != division.part[b]:
@@ -171,16 +171,14 @@ def cuts_of(division: Division) -> Iterator[Cut]:
         outer = inside & (piece == piece[b])
         label = division.part.astype(int) - 1
         label = label + ((label > divided) | outer)
-        yield Cut(label, divided, int(zones[a]), 0.5 * float(division.away[a] + division.away[b]))
+        yield Cut(label, divided, a, 0.5 * float(division.away[a] + division.away[b]))
 
 
 @dataclass(frozen=True)
 class Scan:
     """What every cut makes of the free frames."""
 
-    division: Division
     volume: np.ndarray  # of each zone [m^3], (K,)
-    frames: int
     uncut: Tried
     tried: list[Tried]
 
@@ -192,18 +190,19 @@ class Scan:
     @property
     def fall(self) -> float:
         """By how much a border lowers the misfit, over what is left, or over what is expected where that is more."""
-        return (self.uncut.chi2 - self.best.chi2) / max(self.best.chi2, self.frames)
+        return (self.uncut.chi2 - self.best.chi2) / max(self.best.chi2, self.uncut.frames)
 
     def border(self) -> Border:
         """The best cut, moved to the least of the parabola through its own misfit and those of its neighbours inwards and outwards."""
         best = self.best
-        inwards, outwards = ([each for each in self.tried if one(each)] for one in (lambda e: best.cut.beyond(e.cut), lambda e: e.cut.beyond(best.cut)))
+        inwards = [each for each in self.tried if best.cut.beyond(each.cut)]
+        outwards = [each for each in self.tried if each.cut.beyond(best.cut)]
         sides = [max(inwards, key=lambda each: each.cut.place)] if inwards else []
         sides += [min(outwards, key=lambda each: each.chi2)] if outwards else []
         away = np.array([each.cut.place - best.cut.place for each in sides])
         step, shift, sd, side = float(np.abs(away).min(initial=0.5)), 0.0, np.inf, 0
         if len(sides) == 2:
-            rise = np.array([each.chi2 - best.chi2 for each in sides]) / max(best.chi2 / self.frames, 1.0)
+            rise = np.array([each.chi2 - best.chi2 for each in sides]) / max(best.chi2 / self.uncut.frames, 1.0)
             bend = float(np.diff(rise / away)[0] / np.ptp(away))
             if bend > 0:
                 shift = float(np.clip(-(rise[0] / away[0] - bend * away[0]) / (2 * bend), -0.5 * step, 0.5 * step))
@@ -215,7 +214,7 @@ class Scan:
     def further_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
         parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
-        scale = max(self.uncut.chi2 / self.frames, 1.0)
+        scale = max(self.uncut.chi2 / self.uncut.frames, 1.0)
         weight = np.array([np.exp((self.uncut.chi2 - each.chi2) / (2 * scale)) for each in self.tried]) / max(len(self.tried), 1)
         squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + each.variance[each.cut.label] for each in self.tried]
         square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts)) / (1.0 + weight.sum())
@@ -262,10 +261,6 @@ def _explained(evidence: Evidence, found: Parted) -> bool:
 
 def _doubted(start: StartValues, sd: np.ndarray) -> StartValues:
     """With what the border's place, and borders that were not found, leave open of log10 E, (n,)."""
-    wider = np.hypot(start.log10_young_sd, sd)
-    vague = start.identified & (wider > WIDEST_SD)
-    reasons = tuple(
-        f"log10 E is known to +-{s:.2f} only: stiffness changes where nothing can be seen, and the free motion does not tell well where." if v else f"{r.removesuffix('.')}; a border of this part was found by stiffness."
-        for v, s, r in zip(vague, wider, start.reasons, strict=True)
-    )
-    return replace(start, log10_young_sd=wider, geometry_sd=np.hypot(start.geometry_sd, sd), identified=start.identified & ~vague, reasons=reasons)
+    found = widened(start, sd, "stiffness changes where nothing can be seen, and the free motion does not tell well where")
+    lost = start.identified & ~found.identified
+    return replace(found, reasons=tuple(r if gone else f"{r.removesuffix('.')}; a border of this part was found by stiffness." for gone, r in zip(lost, found.reasons, strict=True)))

@@ -48,5 +48,4 @@ def _elements(fit: Fit, mesh: SolidMesh, behind_m: float) -> Elements:
 def _taken_on(physics: Physics, here: Tail, there: Tail) -> np.ndarray:
     """By how much ln E per part (n,) changes where the body swings as the second says."""
     missed = (there.misfit(physics) - here.misfit(physics)).ravel() / here.sigma_m
-    bend = Bend.of(here, physics)
-    return np.asarray(-(bend.inverse @ bend.jacobian.T @ missed)[: len(physics.young)])
+    return Bend.of(here, physics).young_by(missed, len(physics.young))

@@ -34,8 +34,8 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     if bend is None:
         young_by_density, young_by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in (by_density, by_poisson))
     else:
-        young_by_density = _taken_on(bend, _misfit_by_density(tail, physics, body))
-        young_by_poisson = _taken_on(bend, _misfit_by(tail, physics, by_poisson))
+        young_by_density = bend.young_by(_misfit_by_density(tail, physics, body), len(physics.young))
+        young_by_poisson = bend.young_by(_misfit_by(tail, physics, by_poisson), len(physics.young))
     young_by_density, young_by_poisson = young_by_density @ changes, young_by_poisson * poisson_sd
     nothing = scene.density_kg_m3 is None and scene.mass_kg is None
     return MaterialDoubt(
@@ -49,7 +49,7 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
 def density_changes(tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
     """Changes (n, m) of ln(density) by one standard deviation of each of what the tail leaves open, which are independent, and those of ln E that follow."""
     changes, _ = _untold(tail, physics, bend, body, scene, contrast, physics.detune)
-    return changes, _taken_on(bend, _misfit_by_density(tail, physics, body)) @ changes
+    return changes, bend.young_by(_misfit_by_density(tail, physics, body), len(physics.young)) @ changes
 
 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -85,11 +85,6 @@ def _of_equal_mass(body: Body) -> np.ndarray:
     """Projection (n, n) of changes of ln(density) onto those that leave the mass as it is."""
     mass = body.density * body.part_volumes_m3
     return np.eye(body.parts) - np.outer(mass, mass) / (mass @ mass)
-
-
-def _taken_on(bend: Bend, slope: np.ndarray) -> np.ndarray:
-    """Derivatives (n, m) of ln E per part by quantities by which the misfit changes by (K d, m)."""
-    return -(bend.inverse @ bend.jacobian.T @ slope)[: slope.shape[1]]
 
 
 def _misfit_by_density(tail: Tail, physics: Physics, body: Body) -> np.ndarray:

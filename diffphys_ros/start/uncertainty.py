@@ -65,6 +65,10 @@ class Bend:
         jacobian, prior = tail.slope(physics), prior_residual(np.eye(len(physics.vector())), parts)
         return cls(jacobian, prior, inverted(jacobian.T @ jacobian + prior.T @ prior))
 
+    def young_by(self, misfits: np.ndarray, parts: int) -> np.ndarray:
+        """What ln E per part takes on, (parts, ...), of changes of the misfit (K d, ...) in standard deviations."""
+        return np.asarray(-(self.inverse @ (self.jacobian.T @ misfits))[:parts])
+
 
 def detuning_log10_sd(detuning: float) -> float:
     """Standard deviation of log10 E where a mode's log frequency is off by `detuning`: what made that, beyond the errors that are allowed
@@ -90,7 +94,7 @@ def of_shapes(tail: Tail, physics: Physics, bend: Bend, *, least: float = 0.0) -
 
 def _taken_on(bend: Bend, misfits: np.ndarray, parts: int) -> np.ndarray:
     """What log10 E per part takes on, (n,), of independent misfits (K d, m) in standard deviations."""
-    return np.asarray(np.linalg.norm((bend.inverse @ bend.jacobian.T @ misfits)[:parts], axis=1) / np.log(10.0))
+    return np.asarray(np.linalg.norm(bend.young_by(misfits, parts), axis=1) / np.log(10.0))
 
 
 def outline_sd(body: Body, tracks: Tracks) -> np.ndarray:

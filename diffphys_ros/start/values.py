@@ -168,8 +168,8 @@ def _drawn_sd(evidence: Evidence, clamp_sd: np.ndarray | float) -> np.ndarray:
     return np.hypot(outline_sd(evidence.body, evidence.tracks) / np.log(10.0), clamp_sd)
 
 
-def widened(values: StartValues, extra: float, why: str) -> StartValues:
-    """With one more standard deviation of log10 E of all parts, of what the body's shape leaves open; a part that is known too badly with it is not identified,
+def widened(values: StartValues, extra: np.ndarray | float, why: str) -> StartValues:
+    """With one more standard deviation of log10 E, one for all parts or one each (n,), of what the body's shape leaves open; a part that is known too badly with it is not identified,
     because of `why`, a clause."""
     sd = np.hypot(values.log10_young_sd, extra)
     lost = values.identified & (sd > WIDEST_SD)

@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from ..inpaint import nearest_known
 from ..types import Body
+from ..ways import STEPS, shifted_pairs, way_lengths
 
 MOST_STEPS = 12  # from the clamp to the farthest end; a limb that branches has its own zones in each branch [numerical]
 SLENDER = 0.5  # least length of a step over the limbs' width or thickness, whichever is less: shorter ones do not bend on their own [chosen]
 LEAST_SHARE = 0.3  # of a step's mean area that a zone of its own must have [chosen]
-_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # to half of a raster cell's neighbours
 
 
 @dataclass(frozen=True)
@@ -67,29 +65,10 @@ def _steps(body: Body, length: float) -> int:
 def path_length(inside: np.ndarray) -> np.ndarray:
     """Length [cells] of the way inside a silhouette (nx, ny) from its first row to every cell; 0 outside. Pieces that no way
     leads to count from where they begin."""
-    number = np.full(inside.shape, -1)
-    number[inside] = np.arange(inside.sum())
-    rows, columns, lengths = [], [], []
-    for i, j in _STEPS:
-        a, b = _shifted_pairs(number, i, j)
-        both = (a >= 0) & (b >= 0)
-        rows.append(a[both])
-        columns.append(b[both])
-        lengths.append(np.full(int(both.sum()), np.hypot(i, j)))
-    graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), shape=(inside.sum(),) * 2).tocsr()
     first = np.flatnonzero(inside.any(1))[0]
-    found = dijkstra(graph, directed=False, indices=number[first][inside[first]], min_only=True)
-    length = np.zeros(inside.shape)
-    straight = np.nonzero(inside)[0] - first
-    length[inside] = np.where(np.isfinite(found), found, straight)
-    return length
-
-
-def _shifted_pairs(values: np.ndarray, i: int, j: int) -> tuple[np.ndarray, np.ndarray]:
-    """Values of every raster cell and of the one (i, j) further on, where there is one, flat."""
-    nx, ny = values.shape
-    low, high = max(0, -j), ny - max(0, j)
-    return values[: nx - i, low:high].ravel(), values[i:, low + j : high + j].ravel()
+    rows = np.arange(len(inside))[:, None]
+    found = way_lengths(inside, inside & (rows == first))
+    return np.where(inside, np.where(np.isfinite(found), found, rows - first), 0.0)
 
 
 def _pieces(step: np.ndarray, here: np.ndarray) -> np.ndarray:
@@ -111,6 +90,6 @@ def _merged(labels: np.ndarray, here: np.ndarray, least: float) -> np.ndarray:
 
 def _touching(zone: np.ndarray) -> np.ndarray:
     """Pairs (B, 2) of zones, counted from 0, with a common border; 0 in `zone` is none."""
-    pairs = np.concatenate([np.stack(_shifted_pairs(zone.astype(int), i, j), 1) for i, j in _STEPS[:2]])
+    pairs = np.concatenate([np.stack(shifted_pairs(zone.astype(int), i, j), 1) for i, j in STEPS[:2]])
     pairs = np.sort(pairs[(pairs > 0).all(1) & (pairs[:, 0] != pairs[:, 1])], 1) - 1
     return np.unique(pairs, axis=0)

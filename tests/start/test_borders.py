@@ -70,9 +70,9 @@ def scan(chi2: float, ratio: float) -> Scan:
     division = Division(np.zeros((1, 1), np.uint8), np.ones(2, int), np.array([0.25, 0.75]), np.array([[0, 1]]))
     cut = next(cuts_of(division))
     still = np.zeros(0)
-    uncut = Tried(Cut(np.zeros(2, int), 0, 0, 0.0), 100.0, Physics(np.array([1e5]), Damping(0.0, 0.0), still), np.zeros(1))
-    tried = Tried(cut, chi2, Physics(1e5 * np.array([1.0, ratio]), Damping(0.0, 0.0), still), np.zeros(2))
-    return Scan(division, np.ones(2), 40, uncut, [tried])
+    uncut = Tried(Cut(np.zeros(2, int), 0, 0, 0.0), 100.0, Physics(np.array([1e5]), Damping(0.0, 0.0), still), np.zeros(1), 40)
+    tried = Tried(cut, chi2, Physics(1e5 * np.array([1.0, ratio]), Damping(0.0, 0.0), still), np.zeros(2), 40)
+    return Scan(np.ones(2), uncut, [tried])
 
 
 def test_a_border_that_the_misfit_does_not_ask_for_makes_the_modulus_less_sure_the_likelier_it_is():
