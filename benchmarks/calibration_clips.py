@@ -124,7 +124,10 @@ class Maker:
 
 
 def clips_of(seeds: Iterable[int], kinds: Sequence[Kind], folder: Path, maker: Maker, jobs: int) -> list[Path]:
-    """Folders of clips, g{SEED}-{KIND} each, made where they are not there; seeds without a scene are left out."""
+    """Folders of clips, g{SEED}-{KIND} each, made where they are not there; seeds without a scene are left out.
+
+    A scene that cannot be made is said, and tried again by the same command; it takes no other with it. Raises InputError where none can be made.
+    """
     seeds = list(seeds)
     scenes = dict.fromkeys((seed, kind.scene) for kind in kinds for seed in seeds)  # kinds may share one
 
@@ -132,8 +135,20 @@ def clips_of(seeds: Iterable[int], kinds: Sequence[Kind], folder: Path, maker: M
         return [made for kind in kinds if (made := _clip(seed, kind, folder, maker)) is not None]
 
     with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(lambda scene: maker.make(*scene, _scene(folder, *scene)), scenes))
+        failed = [said for said in pool.map(lambda scene: _unmade(maker, scene, folder), scenes) if said]
+        if len(failed) == len(scenes):
+            raise InputError(failed[0])
+        print(*failed, sep="\n", end="\n" if failed else "", file=sys.stderr, flush=True)
         return [clip for clips in pool.map(of_seed, seeds) for clip in clips]
+
+
+def _unmade(maker: Maker, scene: tuple[int, tuple[str, ...]], folder: Path) -> str:
+    """Why a scene could not be made; nothing where it was, or where its seed has none."""
+    try:
+        maker.make(*scene, _scene(folder, *scene))
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def facts_of(clip: Path) -> dict[str, Any]:
@@ -150,7 +165,7 @@ def _scene(folder: Path, seed: int, flags: Sequence[str]) -> Path:
 
 def _clip(seed: int, kind: Kind, folder: Path, maker: Maker) -> Path | None:
     scene = _scene(folder, seed, kind.scene)
-    if (scene / REFUSED).exists():
+    if not (scene / STATS).exists():  # the seed has none, or it could not be made
         return None
     source = scene
     if kind.sensor:

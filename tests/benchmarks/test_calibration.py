@@ -125,6 +125,26 @@ def test_kinds_that_look_at_the_same_scene_have_it_made_once_and_those_of_one_se
     assert "mass_kg" in (made[1] / "given.yaml").read_text()
 
 
+def test_a_scene_that_cannot_be_made_takes_no_other_with_it(calibration, tmp_path: Path, capsys) -> None:
+    clips = calibration.clips_of.__globals__
+
+    class Scenes(clips["Maker"]):
+        def _call(self, words: list[str], out: Path) -> None:
+            if "7" in words or ("8" in words and "--moving-start" in words):
+                raise InputError(f"make_scene.py {out.name}: a step does not converge")
+            out.mkdir(parents=True)
+            for name in ("clip.mcap", "mask0.png", "stats.json"):
+                (out / name).touch()
+            np.savez(out / "truth.npz", part_rho=[600.0])
+            (out / "given.yaml").write_text("scene: {mass_kg: 1.0}\n")
+
+    kinds = [clips["KINDS"][name] for name in ("told", "moving")]
+    assert [path.name for path in calibration.clips_of([7, 8, 9], kinds, tmp_path, Scenes(tmp_path), 1)] == ["g8-told", "g9-told", "g9-moving"]
+    assert "g8-moving-start: a step does not converge" in capsys.readouterr().err
+    with pytest.raises(InputError, match="g7: a step does not converge"):
+        calibration.clips_of([7], kinds, tmp_path, Scenes(tmp_path), 1)
+
+
 def test_a_clip_of_colour_alone_has_no_depth_topic_and_a_plain_one_is_made_by_our_own_maker(calibration, tmp_path: Path) -> None:
     clips, made = calibration.clips_of.__globals__, []
 
