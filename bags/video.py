@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from diffphys_ros.bags.assemble import Bounded, Stamped, assemble, check_extent
+from diffphys_ros.bags.assemble import MOST_FRAMES, Bounded, Stamped, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
 from diffphys_ros.bags.storage import existing
-from diffphys_ros.bags.thinned import said
+from diffphys_ros.bags.thinned import chosen, said
 from diffphys_ros.bags.world import told_of_world
 from diffphys_ros.config import FrameSettings, Settings
 from diffphys_ros.errors import InputError, listed, named, shown
@@ -22,6 +23,7 @@ from diffphys_ros.types import Clip
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 FRAME_RATES = (0.1, 1e5)  # Hz, that a video may state
+EVEN = 0.25  # of a period that a frame's own time may be off an even clock: a container that counts in milliseconds rounds by less [chosen]
 LEAST_DECODED = 0.9  # of the frames that a video announces: containers that estimate their number are off by a few
 PROBE_BYTES = 4096  # without a zero byte, a file is text
 MOST_PICTURE_BYTES = 256 << 20
@@ -29,37 +31,62 @@ JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenC
 
 
 def read_video(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
-    """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate. Raises InputError."""
+    """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate and times. Raises InputError."""
     fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
     low, high = FRAME_RATES
     if not low <= fps <= high:
         raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
     every = 1 if frames is None else frames.every
-    images = _stamped(video_frames(path, every), fps / every, shown(path))
-    clip = _clip(images, settings, shown(path), frames)
+    shown_ms = _shown_ms(path, MOST_FRAMES * every + 1)
+    stamps, notes = [round(k * 1e9 / fps) for k in range(len(shown_ms))], list[str]()
+    if settings.camera.fps is None and _uneven(shown_ms, fps):
+        stamps = [round(1e6 * ms) for ms in shown_ms - shown_ms[0]]
+        apart = np.diff(shown_ms)
+        notes.append(f"the video's frames are {apart.min():.3g} to {apart.max():.3g} ms apart: each is taken at its own time; camera.fps overrides that")
+    taken, images = chosen(stamps, every, shown(path)), Bounded(shown(path))
+    for k, picture in zip(taken, video_frames(path, set(taken)), strict=False):
+        images.add(stamps[k], picture)
+    clip = _clip(images.taken, settings, shown(path), frames)
     announced = _stated(path, cv2.CAP_PROP_FRAME_COUNT)
-    notes = said(every, len(images), round(announced)) if announced > 0 else said(every, len(images), every * len(images))
-    if every * len(images) < LEAST_DECODED * announced:
-        notes.append(f"{every * len(images)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged")
+    notes += said(every, len(images.taken), round(announced) if announced > 0 else len(stamps))
+    if len(stamps) < LEAST_DECODED * announced:
+        notes.append(f"{len(stamps)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged")
     return replace(clip, notes=(*clip.notes, *notes))
 
 
-def video_frames(path: Path, every: int = 1) -> Iterator[np.ndarray]:
-    """Every `every`-th frame of a video file from the first on, RGB uint8 (H, W, 3), one after the other. Raises InputError where there is
-    none."""
+def video_frames(path: Path, kept: Container[int] | None = None) -> Iterator[np.ndarray]:
+    """The frames of a video file, or those of them whose numbers are `kept`, RGB uint8 (H, W, 3), one after the other. Raises InputError where
+    there is none."""
+    for k, capture in enumerate(_grabbed(path)):
+        if kept is None or k in kept:
+            got, frame = capture.retrieve()
+            if not got:
+                return
+            yield np.ascontiguousarray(frame[..., ::-1])
+
+
+def _grabbed(path: Path) -> Iterator[cv2.VideoCapture]:
+    """A video at each of its frames. Raises InputError where there is none."""
     capture, count = _opened(path), 0
     try:
         while capture.grab():
-            if count % every == 0:
-                got, frame = capture.retrieve()
-                if not got:
-                    break
-                yield np.ascontiguousarray(frame[..., ::-1])
+            yield capture
             count += 1
     finally:
         capture.release()
     if not count:
         raise _no_video(path)
+
+
+def _shown_ms(path: Path, most: int) -> np.ndarray:
+    """When the frames of a video, `most` at most, are shown [ms], as its container tells."""
+    return np.array([capture.get(cv2.CAP_PROP_POS_MSEC) for capture in islice(_grabbed(path), most)])
+
+
+def _uneven(shown_ms: np.ndarray, fps: float) -> bool:
+    """Whether the frames are shown one after the other, but not at `fps`: phones leave out frames, and slow down in dim light."""
+    off = (shown_ms - shown_ms[0]) * fps / 1e3 - np.arange(len(shown_ms))
+    return bool((np.diff(shown_ms) > 0).all() and np.abs(off).max() > EVEN)
 
 
 def _opened(path: Path) -> cv2.VideoCapture:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .config import Settings
 from .errors import InputError
-from .outline import Calm, calm_part, has_texture
+from .outline import Calm, begins_in_motion, calm_part, has_texture
 from .segment import plain_labels
 from .types import Clip
 
@@ -26,11 +26,17 @@ def plain_swing(clip: Clip, settings: Settings) -> tuple[Clip, Calm] | None:
         if asked:
             raise InputError(f"{name}: nothing plain swings before the scene, so that there is no outline to follow; set tracks.evidence to points")
         return None
+    labelled = clip.with_labels(labels)
     try:
         calm = calm_part(labels, clip.period_s, rest_frame=settings.scene.rest_frame, source=name)
     except InputError:
-        if asked or settings.scene.rest_frame is not None:
+        if asked or settings.scene.rest_frame is not None or _needs_calm(labelled, settings):
             raise
         return None
-    labelled = clip.with_labels(labels)
     return None if not asked and has_texture(labelled, calm.rest, settings) else (labelled, calm)
+
+
+def _needs_calm(labelled: Clip, settings: Settings) -> bool:
+    """Whether no other frame than a calm one can show the object at rest, and nothing but its outline can be followed."""
+    assert labelled.labels is not None
+    return not settings.scene.at_rest and begins_in_motion(labelled.labels) and not has_texture(labelled, 0, settings)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..config import Scene
-from ..picture import along_border, extent_px
+from ..picture import along_border, extent_px, side_of
 from ..types import Clip, object_mask
 from .still_end import still_end
 
@@ -19,6 +19,7 @@ DRAWN_PX = 1.0  # standard deviation of a line that a person draws [chosen]
 FOUND = 0.01  # of the object's extent, of the end that was found to stay [docs/measurements/films.md]
 BEYOND = 0.1  # of the object's extent, of a clamp that may lie beyond the picture's border [derived: .10 and .15 of two lengths in docs/measurements/films.md]
 EDGES = ("upper", "lower", "left", "right")
+AT_CLAMP = 0.25  # of how far the object reaches from its clamp: an edge of the picture that it touches there shows nothing of its free end [chosen]
 
 
 def with_edge(clip: Clip, scene: Scene) -> tuple[Scene, str]:
@@ -40,6 +41,19 @@ def line_sd_px(line_px: list[float], mask: np.ndarray, *, drawn: bool) -> float:
     if along_border(line_px, mask.shape):
         return BEYOND * extent_px(mask)
     return DRAWN_PX if drawn else FOUND * extent_px(mask)
+
+
+def cut_off_at(mask: np.ndarray, line_px: list[float] | None) -> str:
+    """The edge of the picture at which an object (H, W) goes on away from its clamp's line u v u v; "" where it ends inside, or has no clamp."""
+    if line_px is None:
+        return ""
+    row, column = np.nonzero(mask)
+    far = np.abs(side_of(line_px, np.stack([column, row], -1)))
+    away = far > AT_CLAMP * far.max()
+    height, width = mask.shape
+    sides = row == 0, row == height - 1, column == 0, column == width - 1
+    cut = [edge for edge, at in zip(EDGES, sides, strict=True) if (away & at).sum() >= LEAST_RUN_PX]
+    return cut[0] if cut else ""
 
 
 def _at_edge(clip: Clip) -> tuple[str, list[float]] | None:

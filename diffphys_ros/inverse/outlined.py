@@ -7,7 +7,7 @@ further out and as long as it is told to be, the one is taken whose leading mode
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 FAR_FOV_DEG = 2.0  # of the camera that stands for one of which nothing is told: its rays are parallel to within a degree [numerical]
 ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, where nothing tells a length [numerical]
-BEHIND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25)  # places of the clamp behind its line that are tried, over the object's length in the picture [numerical]
+BEHIND, STEP = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25), 0.05  # places of the clamp behind its line that are tried, over the object's length in the picture, and on from there [numerical]
+FURTHEST = 1.0  # of that length, where the search ends: half of the object is then beyond the picture [chosen]
 INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
 EDGE_PX = 0.5  # of an end face [chosen]
 DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03 [derived: half of the larger]
@@ -68,14 +69,16 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     clip = whole.part(first, end)
     clip = replace(clip, notes=(*clip.notes, note))
     settings, held_at = _with_clamp(clip, settings)
+    _require_whole(clip, settings)
     clip = replace(clip, camera=_camera(clip.camera))
     hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
     yield Progress("tracks", text=f"too little texture for points: the outline is followed through frames {first}..{end - 1} of {count}, {periods:.1f} periods about rest")
     clip, moved = _steady(clip, settings)
     trials = _Trials(clip, settings)
-    places = trials.places()
+    places: list[float] = []
     misfits: list[Hung] = []
-    for behind in places:
+    for behind in trials.places(misfits):
+        places.append(behind)
         misfits.append(trials.hung(behind))
         yield Progress("body", text=f"clamp {behind:.0f} px behind its line: shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
@@ -120,6 +123,16 @@ def _with_clamp(clip: Clip, settings: Settings) -> tuple[Settings, str]:
     return replace(settings, scene=replace(settings.scene, clamp_px=sides[edge][1])), f"not told: the {edge} edge of the picture, which most of the object touches; set scene.clamp_px where that is wrong"
 
 
+def _require_whole(clip: Clip, settings: Settings) -> None:
+    """Raises InputError where the object leaves the picture elsewhere than at its clamp: how long it is nothing shows then."""
+    from ..body import cut_off_at
+
+    assert clip.labels is not None
+    edge = cut_off_at(object_mask(clip.labels[0]), settings.scene.clamp_px)
+    if edge:
+        raise InputError(f"{clip.source or 'clip'}: the object leaves the picture at its {edge} edge too, away from its clamp, so that its free end is not seen; film it whole")
+
+
 def _steady(clip: Clip, settings: Settings) -> tuple[Clip, CameraMotion | None]:
     """The clip without the motion of the hand that holds the camera, and what of that was not taken off."""
     from ..outline import follow_outline
@@ -145,11 +158,15 @@ class _Trials:
         self.end_px = end_of(outline.pixels, self.line) if self.line is not None else extent_px(self.mask)
         self.depth_told = settings.scene.thickness_m is not None
 
-    def places(self) -> list[float]:
-        """Of the clamp behind its line [px]; where it is in the picture the line itself, and one more that says what its place does to E."""
-        if self.line is None:
-            return [0.0]
-        return [share * self.end_px for share in (BEHIND if self._beyond() else BEHIND[:2])]
+    def places(self, found: Sequence[Hung]) -> Iterator[float]:
+        """Of the clamp behind its line [px], on from the last as long as that fits best of all `found` so far; where it is in the picture the line
+        itself, and one more that says what its place does to E."""
+        shares = BEHIND if self._beyond() else BEHIND[: 1 if self.line is None else 2]
+        yield from (share * self.end_px for share in shares)
+        share = shares[-1]
+        while self._beyond() and share + STEP <= FURTHEST + STEP / 2 and _falls(found):
+            share += STEP
+            yield share * self.end_px
 
     def _beyond(self) -> bool:
         """Whether the clamp may lie beyond the picture."""
@@ -214,6 +231,8 @@ class _Trials:
 def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
     """The place whose shape fits best by a parabola through the best three, its standard deviation [px], and by how much log10 E changes a pixel."""
     misfit = np.array([one.misfit for one in found])
+    if _falls(found):  # it lies further out
+        return places[-1], places[-1], _slope(places, found)
     k = int(np.clip(misfit.argmin(), 1, len(places) - 2))
     x, y = np.array(places[k - 1 : k + 2]), misfit[k - 1 : k + 2]
     a, b, c = np.polyfit(x, y, 2)
@@ -222,6 +241,11 @@ def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
     best = float(np.clip(-b / (2 * a), places[0], places[-1]))
     least = max(float(np.polyval([a, b, c], best)), 0.25 * float(misfit.min()))
     return best, math.sqrt(least / INDEPENDENT / a), _slope(places, found)
+
+
+def _falls(found: Sequence[Hung]) -> bool:
+    """Whether the last fits best."""
+    return min(found, key=lambda one: one.misfit) is found[-1]
 
 
 def _slope(places: list[float], found: list[Hung]) -> float:

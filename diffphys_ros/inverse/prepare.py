@@ -209,7 +209,7 @@ def describe_start(start: StartValues, scale: Scale) -> str:
 def describe_swing(swing: Swing | None) -> str:
     """The prediction of the large swing in a line for people."""
     if swing is None:
-        return "the swing from frame 0 on could not be followed"
+        return "the swing before the calm frames could not be followed"
     gives = f"; its modulus falls by {swing.softens:.2f} of its strain, without that and the air's drag {100 * swing.constant_error_share:.1f} %" if swing.softens or swing.drag_per_m else ""
     missed = f"misses the picture by {swing.tip_error_px:.1f} px: {100 * swing.tip_error_share:.1f} %"
-    return f"let go as in frame 0, the free end swings by {swing.tip_motion_px:.1f} px (rms) and {missed}{gives}"
+    return f"let go as in frame {swing.first}, the free end swings by {swing.tip_motion_px:.1f} px (rms) and {missed}{gives}"

@@ -34,19 +34,32 @@ SOFTENING_PERIODS, SMALL = 3.0, 0.02  # that are simulated to see how a frequenc
 TIP_OVER_LAST = 1.15  # motion of the free end over that of the last points that are followed, a tenth of the length before it [chosen]
 STEPS_A_PERIOD = 90.0  # of the integration, at the least [numerical]
 LEADING_STEPS = 40.0  # a period, where the next picture shows how far off they lead [numerical]
+HELD = 0.02  # of the way from side to side, by which an object that is held still is seen to move: let go, it passes that within a twentieth of a period [chosen]
 LEAST_SWING_PX = 1.0  # of the tip: less is no large swing [chosen]
 
 
 def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
-    """What the modulus of the calm part makes of the first second of the whole labelled clip; None where the body cannot be followed there."""
+    """What the modulus of the calm part makes of the first second of the whole labelled clip; None where the body cannot be followed there, or
+    bends under its weight as no elements do."""
+    from ..elements.plane import DivergedError
+
+    try:
+        return _swing_of(whole, seen, start)
+    except DivergedError:
+        return None
+
+
+def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     from ..elements.plane import FlatSolid
 
     body = seen.body
     if not body.clamped:
         return None
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
-    follower = Follower.of(FlatSolid.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
     first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
+    begin = _let_go_at(_aside(whole, seen.hanging.rest_frame), first)
+    whole, seen = whole.part(begin, len(whole)), replace(seen, hanging=replace(seen.hanging, rest_frame=seen.hanging.rest_frame - begin))
+    follower = Follower.of(FlatSolid.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
     count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
     if poses is None:
@@ -69,7 +82,7 @@ def swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     if found is None:
         return None
     error, constant = (float(np.sqrt(((tip - told) ** 2).sum(1).mean())) for tip in (found.tip, found.constant))
-    return Swing(len(told), motion, error, error / motion, constant / motion, found.law.softens, found.law.drag_per_m, hz / calm.small_hz(found.law))
+    return Swing(len(told), motion, error, error / motion, constant / motion, found.law.softens, found.law.drag_per_m, hz / calm.small_hz(found.law), begin)
 
 
 @dataclass(frozen=True)
@@ -279,6 +292,13 @@ def _aside(whole: Clip, rest_frame: int) -> np.ndarray:
     size = np.maximum(inside.sum((1, 2)), 1)
     centre = np.stack([(inside.sum(axis) @ np.arange(inside.shape[3 - axis])) / size for axis in (1, 2)], 1)
     return np.asarray(centre - centre[rest_frame])
+
+
+def _let_go_at(aside: np.ndarray, least: int) -> int:
+    """The frame from which an object moves that is held still for `least` frames and more; 0 where it moves from the start."""
+    along = aside @ np.linalg.svd(aside - aside.mean(0), full_matrices=False)[2][0]
+    moves = int((np.abs(along - along[0]) > HELD * np.ptp(along)).argmax())
+    return moves if moves > least else 0
 
 
 def _passes_rest(aside: np.ndarray) -> int:

@@ -22,6 +22,7 @@ LEAST_CONTRAST = 8.0  # grey levels between inside and outside [chosen]
 LUMA_NOISE = 0.67  # of a grey level, over that of one channel, where the channels' noise is independent [derived: length of the luma's weights]
 CLEARER = 1.5  # contrast over noise of an outline's colours over that of its grey levels, from which on colours are read: without hue it is 1.16 [chosen]
 SMOOTH_MOTIONS = 3  # principal motions of an outline; what they leave is noise [chosen]
+OWN = 3.0  # points, by participation, on which a principal motion is one of their edges alone: it is none of the outline [chosen]
 LEAST_SD_PX = 0.05  # of a point's edge: what sampling a blurred edge leaves [chosen]
 WORST = 4.0  # times the usual spread beyond which a point's edge is none [chosen]
 GROSS, OTHER_PX = 5.0, 1.0  # standard deviations from the smooth motion beyond which an edge is another one, and how far it then lies off at the least [chosen]
@@ -113,7 +114,8 @@ def _smooth(seen: np.ndarray) -> np.ndarray:
     gaps = ~np.isfinite(seen)
     for _ in range(5):
         u, s, vt = np.linalg.svd(filled, full_matrices=False)
-        leading = (u[:, :SMOOTH_MOTIONS] * s[:SMOOTH_MOTIONS]) @ vt[:SMOOTH_MOTIONS]
+        shared = np.flatnonzero((vt**4).sum(1) < 1 / OWN)[:SMOOTH_MOTIONS]
+        leading = (u[:, shared] * s[shared]) @ vt[shared]
         filled = np.where(gaps, leading, filled)
     return leading + rest
 

@@ -14,6 +14,8 @@ from ..errors import InputError
 CALM = 0.04  # motion of the object's centroid over its extent: a tip then swings by .1, and the frequency of a strip is .4 % low at the most [chosen]
 LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 3.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still [chosen]
 PADDING = 8  # of the spectrum [numerical]
+IN_MOTION = 0.5  # of the later swing, by which the object is aside in frame 0, or will be for its speed there: it is then not at rest [chosen]
+SPEED_FRAMES = 3  # over which that speed is read [numerical]
 LEAST_MOTION = 0.002  # of the extent, root mean square: less is no swing [chosen]
 
 
@@ -46,6 +48,18 @@ def calm_part(labels: np.ndarray, period_s: float, *, rest_frame: int | None = N
     rest = first + int(offset.argmin())
     end = min(len(swing), rest + round(MOST_PERIODS * period) + 1)
     return Calm(rest, end, (end - rest - 1) / period)
+
+
+def begins_in_motion(labels: np.ndarray) -> bool:
+    """Whether frame 0 of label images (T, H, W) shows a swing, bent or moving, and not the pose about which the object swings later."""
+    centre, extent = _centres(labels)
+    swing = _leading(centre) / extent
+    later = swing[len(swing) // 2 :]
+    amplitude, middle = np.ptp(later) / 2, (later.max() + later.min()) / 2
+    if len(swing) <= SPEED_FRAMES or amplitude < LEAST_MOTION:
+        return False
+    speed = (swing[SPEED_FRAMES] - swing[0]) / SPEED_FRAMES
+    return bool(np.hypot(swing[0] - middle, speed / (2 * np.pi * _strongest(later))) > IN_MOTION * amplitude)
 
 
 def _told(rest: int, frames: int, period: float, needed: int, source: str) -> Calm:

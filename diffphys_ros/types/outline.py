@@ -18,6 +18,7 @@ class Swing:
     softens: float  # share by which the modulus falls, over the strain
     drag_per_m: float  # of the air, over mass and squared speed
     softening: float  # frequency of the calm frames over that of a small swing: Young's modulus is found too small by about its square
+    first: int = 0  # of the recording's frames, in which it is let go
 
 
 @dataclass(frozen=True)

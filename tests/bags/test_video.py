@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 
 import cv2
@@ -12,11 +13,13 @@ import pytest
 from diffphys_ros import config
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.video import image_files, read_image
+from diffphys_ros.config import FrameSettings
 from diffphys_ros.errors import InputError
+from diffphys_ros.types import Clip
 
 from .conftest import picture
 
-SETTINGS = config.build({"camera.fps": 30.0, "camera.fov_deg": 60.0})
+SETTINGS, OWN_TIMES = config.build({"camera.fps": 30.0, "camera.fov_deg": 60.0}), config.build({"camera.fov_deg": 60.0})
 
 
 @pytest.fixture
@@ -101,3 +104,46 @@ def test_a_video_that_is_cut_off_is_read_as_far_as_it_goes_and_says_so(tmp_path:
     clip = read_clip(path, SETTINGS)
     assert 2 <= len(clip) < 12
     assert any("of the 20 frames that the video announces can be decoded" in note for note in clip.notes)
+
+
+def mp4(path: Path, apart: list[tuple[int, int]]) -> Path:
+    """A video of 25 frames a second whose frames, each of its own brightness, are shown so long (frames, how long each [1/25 s]): its table of
+    times is written anew, and the boxes about it are made longer."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, (64, 48))
+    for k in range(sum(count for count, _ in apart)):
+        writer.write(np.full((48, 64, 3), 10 * k, np.uint8))
+    writer.release()
+    data = bytearray(path.read_bytes())
+    table = data.rfind(b"stts") - 4
+    size, _, _, _, _, unit = struct.unpack_from(">I4sIIII", data, table)
+    runs = b"".join(struct.pack(">II", count, unit * long) for count, long in apart)
+    new = struct.pack(">I4sII", 16 + len(runs), b"stts", 0, len(apart)) + runs
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
+        at = data.rfind(name, 0, table) - 4
+        struct.pack_into(">I", data, at, struct.unpack_from(">I", data, at)[0] + len(new) - size)
+    data[table : table + size] = new
+    path.write_bytes(bytes(data.replace(b"edts", b"free")))  # without the box that says how long all of it is
+    return path
+
+
+def brightness(clip: Clip) -> list[int]:
+    return [round(x / 10) for x in clip.frames[:, 24, 32, 0].tolist()]
+
+
+def test_frames_that_a_phone_left_out_shift_no_later_one(tmp_path: Path) -> None:
+    path = mp4(tmp_path / "phone.mp4", [(6, 1), (1, 2), (5, 1), (2, 2), (6, 1)])
+    clip = read_clip(path, OWN_TIMES)
+    assert clip.period_s == pytest.approx(1 / 25)
+    assert np.flatnonzero(~clip.seen).tolist() == [7, 14, 16]
+    assert [k for k, seen in zip(brightness(clip), clip.seen, strict=True) if seen] == list(range(20))
+    assert any("the video's frames are 40 to 80 ms apart: each is taken at its own time" in note for note in clip.notes)
+    thinned = read_clip(path, OWN_TIMES, frames=FrameSettings(every=3))
+    assert brightness(thinned) == [0, 3, 6, 8, 11, 13, 15, 18]
+    assert thinned.period_s == pytest.approx(3 / 25)
+
+
+def test_a_rate_that_is_told_goes_before_the_times_of_a_video(tmp_path: Path) -> None:
+    clip = read_clip(mp4(tmp_path / "phone.mp4", [(6, 1), (1, 2), (5, 1)]), SETTINGS)
+    assert clip.seen.all()
+    assert clip.period_s == pytest.approx(1 / 30)
+    assert clip.notes == ()

@@ -66,3 +66,18 @@ def test_what_nobody_says_is_held_and_swings_in_one_place_tells_no_stiffness(fil
     (doubt,) = doubted(unsaid, np.arange(FRAMES))
     assert "something holds it" in doubt.text
     assert doubt.of_young
+
+
+def test_what_hangs_and_swings_slower_than_a_pendulum_has_other_times_or_another_size(filmed):
+    """A phone's slow motion that states the rate at which it is shown."""
+    length = float(filmed.body.sides_m[0])
+    hangs = replace(filmed, body=replace(filmed.body, gravity=np.array([9.81, 0.0, 0.0])))
+    pendulum = np.sqrt(9.81 / length) / (2 * np.pi)
+    every, told = np.arange(FRAMES), build({"scene.size_m": length})
+    slow = replace(hangs, start=replace(filmed.start, observed_hz=np.array([pendulum / 8])))
+    (doubt,) = doubted(slow, every, told)
+    assert "set camera.fps" in doubt.text
+    assert doubt.of_young
+    assert doubted(replace(slow, start=replace(slow.start, observed_hz=np.array([1.2 * pendulum]))), every, told) == ()
+    stands = replace(slow, body=replace(filmed.body, gravity=np.array([-9.81, 0.0, 0.0])))
+    assert not any("camera.fps" in doubt.text for doubt in doubted(stands, every, told))

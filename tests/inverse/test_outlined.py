@@ -13,10 +13,12 @@ import pytest
 
 from diffphys_ros import config, inverse
 from diffphys_ros.body.leaving import FOUND
+from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import prepare
-from diffphys_ros.inverse.outlined import _Trials, outlined
+from diffphys_ros.inverse.outlined import FURTHEST, INDEPENDENT, _best, _Trials, outlined
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.progress import finished
+from diffphys_ros.start.hang import Hung
 from diffphys_ros.types import Clip
 from tests.plain_strips import Strip
 
@@ -69,6 +71,30 @@ def test_a_clamp_in_the_picture_has_a_share_in_the_stated_sd() -> None:
     assert seen.hanging.log10_young_sd > 0.004
 
 
+@pytest.mark.parametrize("share", [0.12, 0.62])
+def test_the_clamp_is_looked_for_as_far_out_as_it_lies(share: float) -> None:
+    places, found = searched(share)
+    best, sd, _ = _best(places, found)
+    assert best == pytest.approx(100 * share, abs=0.5)
+    assert sd == pytest.approx(np.sqrt(0.01 / INDEPENDENT) * 100)
+
+
+def test_a_clamp_further_out_than_is_looked_for_is_not_known() -> None:
+    places, found = searched(1.5)
+    assert max(places) == pytest.approx(100 * FURTHEST)
+    assert _best(places, found)[1] == max(places)
+
+
+def searched(share: float) -> tuple[list[float], list[Hung]]:
+    """Places that are tried for an object that shows 100 px and is held so far beyond the picture, over that, and how it hangs from them."""
+    trials = SimpleNamespace(line=np.zeros((2, 2)), end_px=100.0, _beyond=lambda: True)
+    places, found = [], []
+    for place in _Trials.places(trials, found):
+        places.append(place)
+        found.append(Hung(1e5, 0.01 + (place / 100 - share) ** 2, 50))
+    return places, found
+
+
 def test_no_force_acts_on_a_strip_that_swings_freely(prepared: Prepared) -> None:
     weight = DENSITY * 9.81
     assert np.linalg.norm(prepared.start.force, axis=1).max() < 0.05 * weight
@@ -102,6 +128,13 @@ def test_gaussians_of_frame_0_are_of_no_use_to_a_body_that_is_that_of_another_fr
     for body in (prepared, replace(prepared, hanging=None)):
         finished(inverse._solved(body, config.build({"fit.iterations": 1}), judge, "those of frame 0", None, None))
     assert used == ["own", "those of frame 0"]
+
+
+def test_an_object_whose_free_end_is_outside_the_picture_is_refused() -> None:
+    """As long as it is told to be, it would be taken to end where the picture does: E came out .2 off in log10."""
+    cut = Strip(frames=100, size=(125, 110)).clip()
+    with pytest.raises(InputError, match=r"strip: the object leaves the picture at its lower edge too, away from its clamp, .*; film it whole"):
+        finished(outlined(cut, config.layered([], {})))
 
 
 def held_in_a_hand(clip: Clip) -> Clip:

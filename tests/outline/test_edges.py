@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.outline import calm_part, covered, end_of, follow_outline, has_texture, rest_cover, rest_outline
+from diffphys_ros.outline.follow import _smooth
+from diffphys_ros.plain_swing import plain_swing
 from diffphys_ros.segment import plain_labels
 from diffphys_ros.types import Clip, Tracks
 from tests.boxes import bar_settings
@@ -129,6 +132,28 @@ def test_a_plain_strip_has_no_texture_and_a_speckled_one_has(clip: Clip, calm: C
 def test_too_short_a_swing_is_refused_by_its_periods(clip: Clip) -> None:
     with pytest.raises(InputError, match=r"periods of a swing, needs at least 3\.5"):
         calm_part(clip.labels[:24], clip.period_s)
+
+
+def test_a_point_that_slides_off_its_edge_is_no_motion_of_the_outline() -> None:
+    """It was taken for a second motion, and explained by a force of the strip's weight."""
+    swing = 10 * np.cos(np.arange(90) / 5)[:, None] * np.linspace(0.1, 1, 30) + np.random.default_rng(0).normal(0, 0.2, (90, 30))
+    seen = swing.copy()
+    seen[5:14, 29] = seen[40:46, 29] = 25.0
+    left = np.abs(seen - _smooth(seen))
+    assert left[5:14, 29].min() > 10
+    assert left[40:46, 29].min() > 10
+    assert np.median(left[:, :25]) < 0.5
+
+
+def test_a_swing_too_short_for_calm_frames_is_not_followed_from_a_bent_frame_0() -> None:
+    """Taken for rest, it made a film's modulus 3000 times too large at the least."""
+    strip = Strip(frames=30, fps=60.0)
+    with pytest.raises(InputError, match=r"strip: shows .* periods of a swing, needs at least 3\.5; record a longer free swing"):
+        plain_swing(strip.clip(), config.build({}))
+    assert plain_swing(strip.clip(), config.build({"scene.at_rest": True})) is None
+    hangs = replace(strip, tip_px=0.0, frames=8).clip()
+    pushed = replace(strip, turn=-np.pi / 2).clip()
+    assert plain_swing(replace(pushed, frames=np.concatenate([hangs.frames, pushed.frames])), config.build({})) is None
 
 
 def test_a_strip_before_a_scene_half_of_which_is_as_bright_is_not_taken_with_it(clip: Clip) -> None:
