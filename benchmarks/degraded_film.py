@@ -1,46 +1,140 @@
-"""A film made worse, without loss: blurred, or with noise.
+"""A film as others would bring it, written without loss: worse, turned, cut, or seen by another camera.
 
-usage: python benchmarks/degraded_film.py FILM.mp4 OUT.avi blur|noise     (standard deviation 2 px, or 5 grey levels alike in all channels)
+usage: python benchmarks/degraded_film.py FILM.mp4 OUT.avi HOW     (one of blur, noise, ...: the names of WORSE)
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import cv2
 import numpy as np
 
-BLUR_PX, NOISE = 2.0, 5.0
+BLUR_PX, NOISE = 2.0, 5.0  # standard deviation, and that of grey levels alike in all channels
+LOST = 12  # every so-many-th frame is
+HELD, LEAVES = 24, 90  # frames that a finger holds the tip for, and in which it is drawn back
+FINGER = (70, 14)  # half axes [px]
+FLICKER, FLICKER_HZ = 0.06, 100.0  # of the light, over the mean
+Frames = np.ndarray  # (T, H, W, 3) uint8
+Worse = Callable[[Frames, float], tuple[Frames, float]]
 
 
-def blurred(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Of a frame (H, W, 3) uint8."""
-    return np.asarray(cv2.GaussianBlur(frame, (0, 0), BLUR_PX))
+def blurred(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """Out of focus."""
+    return np.stack([cv2.GaussianBlur(frame, (0, 0), BLUR_PX) for frame in frames]), fps
 
 
-def noisy(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Of a frame (H, W, 3) uint8."""
-    return np.clip(np.rint(frame + rng.normal(0, NOISE, frame.shape[:2])[..., None]), 0, 255).astype(np.uint8)
+def noisy(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """In dim light."""
+    rng = np.random.default_rng(0)
+    return np.stack([_levels(frame + rng.normal(0, NOISE, frame.shape[:2])[..., None]) for frame in frames]), fps
 
 
-WORSE = {"blur": blurred, "noise": noisy}
+def thinned(every: int) -> Worse:
+    """Of a camera that takes fewer frames, with a short shutter."""
+    return lambda frames, fps: (frames[::every], fps / every)
+
+
+def shuttered(every: int) -> Worse:
+    """The same with a shutter that stays open for half of a frame."""
+
+    def worse(frames: Frames, fps: float) -> tuple[Frames, float]:
+        groups = frames[: len(frames) // every * every].reshape(-1, every, *frames.shape[1:])
+        return np.stack([_levels(group[: every // 2].mean(0)) for group in groups]), fps / every
+
+    return worse
+
+
+def rolling(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """Of a shutter that reads row after row, all of a frame's time long."""
+    share = (np.arange(frames.shape[1]) / frames.shape[1])[:, None, None]
+    return np.stack([_levels((1 - share) * a + share * b) for a, b in pairwise(frames)]), fps
+
+
+def with_lost(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """With the frame before in place of lost ones."""
+    shown = np.arange(len(frames))
+    shown[LOST::LOST] -= 1
+    return frames[shown], fps
+
+
+def held(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """A finger holds the tip in frame 0, lets it go, and is drawn back."""
+    tip = _tip(frames[0])
+    back = [0] * HELD + [k * k // 20 for k in range(LEAVES)]
+    began = np.concatenate([np.repeat(frames[:1], HELD, 0), frames])
+    return np.stack([_with_finger(frame, tip, x) for frame, x in zip(began, back, strict=False)] + [*began[len(back) :]]), fps
+
+
+def flickering(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """Under a lamp on the mains."""
+    light = 1 + FLICKER * np.sin(2 * np.pi * FLICKER_HZ * np.arange(len(frames)) / fps)
+    return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)]), fps
+
+
+def scaled(by: float) -> Worse:
+    """With other pixels."""
+    return lambda frames, fps: (np.stack([cv2.resize(frame, None, fx=by, fy=by, interpolation=cv2.INTER_AREA if by < 1 else cv2.INTER_CUBIC) for frame in frames]), fps)
+
+
+def seen(change: Callable[[Frames], np.ndarray]) -> Worse:
+    """With pixels elsewhere or of another brightness."""
+    return lambda frames, fps: (change(frames), fps)
+
+
+WORSE: dict[str, Worse] = {
+    "blur": blurred, "noise": noisy, "rolling": rolling, "lost": with_lost, "held": held, "flicker": flickering,
+    "60fps": thinned(4), "30fps": thinned(8), "60fps-shutter": shuttered(4), "30fps-shutter": shuttered(8), "half": scaled(0.5), "double": scaled(2.0),
+    "mirrored": seen(lambda f: f[:, :, ::-1]), "turned": seen(lambda f: np.rot90(f, -1, (1, 2))), "overhead": seen(lambda f: f[:, ::-1, ::-1]),
+    "brighter": seen(lambda f: _levels(1.6 * f.astype(np.float32) + 25)), "gamma": seen(lambda f: _levels(255 * (f / np.float32(255)) ** 0.6)), "negative": seen(lambda f: 255 - f),
+    "no-top": seen(lambda f: f[:, 30:]), "no-tip": seen(lambda f: f[:, :150]), "two-periods": lambda f, fps: (f[: round(0.41 * fps)], fps), "slow-motion": lambda f, fps: (f, fps / 8),
+}  # fmt: skip
+
+
+def _levels(grey: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def _tip(frame: np.ndarray) -> tuple[int, int]:
+    """The lowest pixel x, y of the largest bright region."""
+    grey = frame[..., 1]
+    bright = (grey > (int(grey.max()) + int(grey.min())) // 2).astype(np.uint8)
+    _, regions, stats, _ = cv2.connectedComponentsWithStats(bright)
+    rows, columns = np.nonzero(regions == 1 + stats[1:, cv2.CC_STAT_AREA].argmax())
+    return int(columns[rows.argmax()]), int(rows.max())
+
+
+def _with_finger(frame: np.ndarray, tip: tuple[int, int], back_px: int) -> np.ndarray:
+    """A finger from the right that ends at the tip, or so far back."""
+    drawn, (x, y) = frame.copy(), tip
+    middle, colour = (x + back_px + FINGER[0] - 10, y - 5), (120, 135, 150)
+    cv2.ellipse(drawn, middle, FINGER, 0, 0, 360, colour, -1)
+    cv2.rectangle(drawn, (middle[0], middle[1] - FINGER[1]), (drawn.shape[1], middle[1] + FINGER[1]), colour, -1)
+    return drawn
+
+
+def _frames(read: cv2.VideoCapture) -> Iterator[np.ndarray]:
+    while True:
+        there, frame = read.read()
+        if not there:
+            return
+        yield frame
 
 
 def main(film: str, out: str, how: str) -> int:
     """Returns the exit status."""
-    read, rng = cv2.VideoCapture(film), np.random.default_rng(0)
-    size = int(read.get(cv2.CAP_PROP_FRAME_WIDTH)), int(read.get(cv2.CAP_PROP_FRAME_HEIGHT))
-    written = cv2.VideoWriter(out, cv2.VideoWriter_fourcc(*"FFV1"), read.get(cv2.CAP_PROP_FPS), size)
-    while True:
-        there, frame = read.read()
-        if not there:
-            break
-        written.write(WORSE[how](frame, rng))
+    read = cv2.VideoCapture(film)
+    frames, fps = WORSE[how](np.stack(list(_frames(read))), read.get(cv2.CAP_PROP_FPS))
+    written = cv2.VideoWriter(out, cv2.VideoWriter_fourcc(*"FFV1"), fps, frames.shape[2:0:-1])
+    for frame in frames:
+        written.write(np.ascontiguousarray(frame))
     written.release()
     return 0
 
 
 if __name__ == "__main__":
     if len(sys.argv) != 4 or sys.argv[3] not in WORSE:
-        raise SystemExit(__doc__)
+        raise SystemExit(f"{__doc__}HOW: {', '.join(WORSE)}")
     sys.exit(main(*sys.argv[1:]))
