@@ -30,6 +30,7 @@ ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, whe
 BEHIND, STEP = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25), 0.05  # places of the clamp behind its line that are tried, over the object's length in the picture, and on from there [numerical]
 FURTHEST = 1.0  # of that length, where the search ends: half of the object is then beyond the picture [chosen]
 INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
+SURELY = 2.0  # standard deviations by which the shape of a swing contradicts a clamp's line [chosen]
 EDGE_PX = 0.5  # of an end face [chosen]
 DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03 [derived: half of the larger]
 
@@ -164,7 +165,7 @@ class _Trials:
         shares = BEHIND if self._beyond() else BEHIND[: 1 if self.line is None else 2]
         yield from (share * self.end_px for share in shares)
         share = shares[-1]
-        while self._beyond() and share + STEP <= FURTHEST + STEP / 2 and _falls(found):
+        while share and share + STEP <= FURTHEST + STEP / 2 and _falls(found):
             share += STEP
             yield share * self.end_px
 
@@ -180,7 +181,10 @@ class _Trials:
         if self._beyond():
             return _best(places, found)
         line = self.settings.scene.clamp_px
-        return (0.0, line_sd_px(line, self.mask, drawn=drawn), _slope(places, found)) if line is not None else (0.0, 0.0, 0.0)
+        if line is None:
+            return 0.0, 0.0, 0.0
+        sd = line_sd_px(line, self.mask, drawn=drawn)
+        return 0.0, math.hypot(sd, _contradicted_px(places, found, sd)), _slope(places, found)
 
     def distance(self, behind: float) -> float:
         """Of the object from the camera [m]."""
@@ -241,6 +245,14 @@ def _best(places: list[float], found: list[Hung]) -> tuple[float, float, float]:
     best = float(np.clip(-b / (2 * a), places[0], places[-1]))
     least = max(float(np.polyval([a, b, c], best)), 0.25 * float(misfit.min()))
     return best, math.sqrt(least / INDEPENDENT / a), _slope(places, found)
+
+
+def _contradicted_px(places: list[float], found: list[Hung], sd_px: float) -> float:
+    """How far behind a line in the picture, known to `sd_px`, the shape of the swing says that the object is held; 0 where it need not be."""
+    if len(found) < 3:  # it is missed by less at the line than anywhere behind it
+        return 0.0
+    behind, own_sd, _ = _best(places, found)
+    return behind if behind > SURELY * math.hypot(sd_px, own_sd) else 0.0
 
 
 def _falls(found: Sequence[Hung]) -> bool:

@@ -15,7 +15,7 @@ from diffphys_ros import config, inverse
 from diffphys_ros.body.leaving import FOUND
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import prepare
-from diffphys_ros.inverse.outlined import FURTHEST, INDEPENDENT, _best, _Trials, outlined
+from diffphys_ros.inverse.outlined import FURTHEST, INDEPENDENT, _best, _contradicted_px, _Trials, outlined
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.progress import finished
 from diffphys_ros.start.hang import Hung
@@ -85,9 +85,16 @@ def test_a_clamp_further_out_than_is_looked_for_is_not_known() -> None:
     assert _best(places, found)[1] == max(places)
 
 
-def searched(share: float) -> tuple[list[float], list[Hung]]:
-    """Places that are tried for an object that shows 100 px and is held so far beyond the picture, over that, and how it hangs from them."""
-    trials = SimpleNamespace(line=np.zeros((2, 2)), end_px=100.0, _beyond=lambda: True)
+def test_a_line_in_the_picture_that_the_swing_contradicts_is_known_no_better_than_by_how_far() -> None:
+    """Drawn along the bar above a film that was made wider, it made E .11 too small in log10 at a stated .02."""
+    for share, far_px in {0.3: 30.0, 0.04: 0.0, 0.0: 0.0}.items():
+        places, found = searched(share, beyond=False)
+        assert _contradicted_px(places, found, 1.0) == pytest.approx(far_px, abs=0.5)
+
+
+def searched(share: float, *, beyond: bool = True) -> tuple[list[float], list[Hung]]:
+    """Places that are tried for an object that shows 100 px and is held so far behind its line, over that, and how it hangs from them."""
+    trials = SimpleNamespace(line=np.zeros((2, 2)), end_px=100.0, _beyond=lambda: beyond)
     places, found = [], []
     for place in _Trials.places(trials, found):
         places.append(place)
