@@ -144,6 +144,20 @@ def test_a_force_that_no_mode_feels_is_no_error_of_the_modal_force(tmp_path: Pat
     assert found["modal_force_relative_rmse"] == [pytest.approx(0, abs=1e-9)]
 
 
+def test_a_force_along_the_body_is_no_error_of_what_acts_across_it(tmp_path: Path, truth: Arrays) -> None:
+    recovery, axis = exact(truth), truth["rest_vertices"].mean(0) - truth["rest_vertices"][truth["clamped"]].mean(0)
+    recovery["force"] = 0.5 * recovery["force"] + 500.0 * axis / np.linalg.norm(axis)  # the truth acts across
+    found = scored(tmp_path, truth, recovery)
+    assert found["net_force_cosine"] < 0.5
+    assert found["net_force_across_cosine"] == pytest.approx(1)
+    assert found["net_force_across_relative_rmse"] == pytest.approx(0.5)
+
+
+def test_a_body_that_nothing_holds_has_no_axis_to_act_across(tmp_path: Path, truth: Arrays) -> None:
+    free = truth | {"clamped": np.zeros_like(truth["clamped"])}
+    assert not {name for name in scored(tmp_path, free, exact(free)) if "across" in name}
+
+
 def test_a_force_turned_by_sixty_degrees_has_half_the_cosine(tmp_path: Path, truth: Arrays) -> None:
     recovery = exact(truth)
     recovery["force"][..., 2] = np.sqrt(3) * recovery["force"][..., 1]

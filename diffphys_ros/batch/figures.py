@@ -23,6 +23,8 @@ OF_CLIP = (
     "net_force_cosine",
     "false_force_ratio",
     "net_force_relative_rmse",
+    "net_force_across_cosine",
+    "net_force_across_relative_rmse",
     MODAL,
     "force_peak_n",
     "force_peak_true_n",

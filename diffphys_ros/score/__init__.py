@@ -29,6 +29,7 @@ def score(recovery_npz: str | Path, truth_npz: str | Path) -> dict[str, object]:
     young_ratio_error: worst |log10| of the error in the ratio of two parts, None with fewer than two;
     net_force_cosine: mean cosine of recovered and true net force over forced frames; false_force_ratio: rms of the recovered
     net force over force-free frames / true peak; net_force_relative_rmse: rms error of the net force over its rms;
+    net_force_across_cosine, net_force_across_relative_rmse: the same of what acts across the line from the clamp to the body's middle, which is what bends it;
     modal_force_relative_rmse: likewise of the generalised force on the true motion's leading modes, a list;
     trajectory_rmse_over_rms_motion: 1 is no better than predicting no motion.
     net_force_inside_1sd, net_force_inside_2sd: share of the components of the net force, over frames that carry one, off by no more than one or two

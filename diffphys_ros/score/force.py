@@ -7,6 +7,7 @@ import numpy as np
 from .truth import STATED_FORCE, Arrays, free_volume
 
 ACTIVE_SHARE = 0.1  # a frame counts as forced where the true net force exceeds this share of its peak
+CENTRED = 0.05  # of the body's size: held so near to its middle it has no axis
 FREE_SHARE = 1e-12  # a frame is force-free below this share of the peak energy of the true force
 
 
@@ -46,9 +47,34 @@ def score_force(truth: Arrays, force: np.ndarray) -> dict[str, object]:
     cosine = (true * found).sum(1) / np.maximum(size * size_found, np.finfo(float).tiny)
     scale = np.sqrt((true**2).sum())
     return {
+        **_across(truth, true, found, active),
         "net_force_cosine": float(cosine[active].mean()) if active.any() else None,
         "false_force_ratio": float(np.sqrt((size_found[free] ** 2).mean()) / size.max()) if free.any() and size.max() else None,
         "net_force_relative_rmse": float(np.sqrt(((found - true) ** 2).sum()) / scale) if scale else None,
         "force_peak_n": float(size_found.max()),
         "force_peak_true_n": float(size.max()),
+    }
+
+
+def body_axis(truth: Arrays) -> np.ndarray | None:
+    """Unit vector (3,) from what is held to the middle of the body at rest; None of a body that nothing holds, or that is held in its middle."""
+    vertices, held = truth["rest_vertices"].astype(float), truth["clamped"].astype(bool)
+    if not held.any():
+        return None
+    arm = vertices.mean(0) - vertices[held].mean(0)
+    length = float(np.linalg.norm(arm))
+    return arm / length if length > CENTRED * np.ptp(vertices, axis=0).max() else None
+
+
+def _across(truth: Arrays, true: np.ndarray, found: np.ndarray, active: np.ndarray) -> dict[str, object]:
+    """Of net forces (T, 3) what bends the body: a force along it hardly moves it, so that a film does not show that one."""
+    axis = body_axis(truth)
+    if axis is None:
+        return {}
+    true, found = (force - np.outer(force @ axis, axis) for force in (true, found))
+    cosine = (true * found).sum(1) / np.maximum(np.linalg.norm(true, axis=1) * np.linalg.norm(found, axis=1), np.finfo(float).tiny)
+    scale = np.sqrt((true**2).sum())
+    return {
+        "net_force_across_cosine": float(cosine[active].mean()) if active.any() else None,
+        "net_force_across_relative_rmse": float(np.sqrt(((found - true) ** 2).sum()) / scale) if scale else None,
     }
