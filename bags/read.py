@@ -12,7 +12,7 @@ from diffphys_ros.bags.decode import decode_compressed, decode_image
 from diffphys_ros.bags.filmed import clip_of
 from diffphys_ros.bags.gravity import Imu
 from diffphys_ros.bags.rig import FRAME, Channel, Received
-from diffphys_ros.bags.storage import METADATA, Bag, existing, open_bag
+from diffphys_ros.bags.storage import BAG_SUFFIXES, METADATA, Bag, existing, open_bag
 from diffphys_ros.bags.thinned import chosen, nearest, said
 from diffphys_ros.bags.topics import choose_imu, choose_topics, depth_info, image_topics
 from diffphys_ros.bags.transforms import MOVING, STATIC, Transforms
@@ -24,7 +24,6 @@ from diffphys_ros.types import Clip
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 MARGIN_NS = 10**9  # of transforms and accelerations before the first and after the last image
 MOST_REASON = 300  # characters: an image's own words stand in it
-BAG_SUFFIXES = (".mcap", ".db3")
 
 
 def read_clip(path: str | Path, settings: Settings, *, start_s: float = 0.0, duration_s: float | None = None, frames: FrameSettings | None = None) -> Clip:

@@ -13,6 +13,7 @@ from diffphys_ros.bags.offers import Offer, offer_of
 from diffphys_ros.bags.unpacked import begin_pass, bound_rosbags, bounded_databases, check_chunks, check_metadata
 from diffphys_ros.errors import InputError, listed, named, shown
 
+BAG_SUFFIXES = (".mcap", ".db3")
 METADATA = "metadata.yaml"  # of a rosbag2 folder
 MOST_REASON = 160  # characters of what a parser says
 

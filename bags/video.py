@@ -14,7 +14,7 @@ import numpy as np
 from diffphys_ros.bags.assemble import MOST_FRAMES, Bounded, Stamped, assemble, check_extent
 from diffphys_ros.bags.camera import ASSUMED_FOV_DEG, camera_from_fov
 from diffphys_ros.bags.decode import decode_compressed
-from diffphys_ros.bags.storage import existing
+from diffphys_ros.bags.storage import BAG_SUFFIXES, existing
 from diffphys_ros.bags.thinned import chosen, said
 from diffphys_ros.bags.world import told_of_world
 from diffphys_ros.config import FrameSettings, Settings
@@ -118,6 +118,8 @@ def _stated(path: Path, what: int) -> float:
 def read_images(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a folder of .png or .jpg images, in the order of the numbers in their names. Raises InputError."""
     files = image_files(path)
+    if bags := sorted(f.name for f in path.iterdir() if f.suffix in BAG_SUFFIXES):
+        raise InputError(f"{shown(path)}: a folder that holds recordings ({listed(bags)}) and no metadata.yaml; give one of them, or the folder to 'diffphys batch'")
     if not files:
         raise InputError(f"{shown(path)}: a folder without metadata.yaml (a rosbag2 folder) and without .png or .jpg images; give one of these")
     if settings.camera.fps is None:

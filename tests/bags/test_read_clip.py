@@ -255,6 +255,12 @@ def test_a_folder_of_images_is_read_in_the_order_of_its_numbers(images: Path) ->
     assert clip.camera.height == HEIGHT
 
 
+def test_a_folder_with_a_recording_in_it_is_not_taken_for_its_pictures(images: Path) -> None:
+    (images / "clip.mcap").touch()
+    with pytest.raises(InputError, match=r"holds recordings \('?clip.mcap'?\) .* give one of them"):
+        read_clip(images, settings(camera__fps=30.0))
+
+
 def test_a_folder_of_images_needs_a_rate(images: Path) -> None:
     with pytest.raises(InputError, match=r"state no frame rate; set camera.fps"):
         read_clip(images, DEFAULT)
