@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas import TOPICS, fields, messages
-from diffphys_ros.msg_schemas.recording import results
+from diffphys_ros.msg_schemas.recording import played, results
 from diffphys_ros.msg_schemas.topics import PLAYED, RESULTS
 from diffphys_ros.result import RECOVERY, check_writable
 from diffphys_ros.splats.ply import to_raw
@@ -187,6 +187,9 @@ class FitNode(ClipStage):
         self.tree.announce(published.answer)
 
     def _play(self, answer: fields.Answer) -> None:
+        if self.playback is not None:  # of the answer before nothing stays latched that this one does not carry, such as newtons
+            carried = {message.topic for message in played(answer, 0)}
+            self.advertise(*(name for name in PLAYED if name not in carried))
         self._stop_playback()
         self.playback = Playback(self, answer, self.parameters.settings().playback)
 

@@ -6,6 +6,7 @@ import json
 import platform
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -185,6 +186,18 @@ def test_what_is_set_of_playback_and_publishing_holds_for_the_result_that_is_the
     assert [message.width for message in r.heard["~/force_field"]] == [len(made_recovery.points), few]
     assert r.node.set_parameters_atomically([Parameter("playback.rate", value=4.0)]).successful
     r.until(lambda: len(r.heard["~/net_force"]) > 3)  # at 0.01 it would take longer than the test
+
+
+def test_newtons_of_the_clip_before_are_not_latched_beside_an_answer_that_has_none(robot, made_recovery, made_clip):
+    r = robot()
+    assumed = replace(made_recovery, metrics=made_recovery.metrics | {"density_source": "assumed 1000 kg/m^3", "metric_scale_source": "unknown: the object is assumed 1 m away"})
+    for recovery in (made_recovery, assumed):
+        r.node.on_news(Published(fields.answer(recovery, made_clip, config.build({}))))
+    assert not r.node.playback.answer.scale.absolute
+    for name in ("~/net_force", "~/net_force_sd", "~/state"):
+        r.listen(name)  # late
+    r.until(lambda: len(r.heard["~/state"]) > 1)
+    assert (r.heard["~/net_force"], r.heard["~/net_force_sd"]) == ([], [])
 
 
 def test_where_fields_are_published_is_said_once_with_resolved_topics(robot, made_recovery, made_clip, capfd):
