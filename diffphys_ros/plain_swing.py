@@ -37,6 +37,7 @@ def plain_swing(clip: Clip, settings: Settings) -> tuple[Clip, Calm] | None:
 
 
 def _needs_calm(labelled: Clip, settings: Settings) -> bool:
-    """Whether no other frame than a calm one can show the object at rest, and nothing but its outline can be followed."""
+    """Whether no other frame than a calm one can show the object at rest, and nothing but its outline can be followed. Not where the object was
+    pointed out: the labels then follow that mask, not what is plain."""
     assert labelled.labels is not None
-    return not settings.scene.at_rest and begins_in_motion(labelled.labels) and not has_texture(labelled, 0, settings)
+    return labelled.first_labels is None and not settings.scene.at_rest and begins_in_motion(labelled.labels) and not has_texture(labelled, 0, settings)

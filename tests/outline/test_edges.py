@@ -151,6 +151,8 @@ def test_a_swing_too_short_for_calm_frames_is_not_followed_from_a_bent_frame_0()
     with pytest.raises(InputError, match=r"strip: shows .* periods of a swing, needs at least 3\.5; record a longer free swing"):
         plain_swing(strip.clip(), config.build({}))
     assert plain_swing(strip.clip(), config.build({"scene.at_rest": True})) is None
+    pointed_out = np.full(strip.clip().frames.shape[1:3], 255, np.uint8)
+    assert plain_swing(replace(strip.clip(), first_labels=pointed_out), config.build({})) is None
     hangs = replace(strip, tip_px=0.0, frames=8).clip()
     pushed = replace(strip, turn=-np.pi / 2).clip()
     assert plain_swing(replace(pushed, frames=np.concatenate([hangs.frames, pushed.frames])), config.build({})) is None
