@@ -307,6 +307,11 @@ def _existing(path: str | Path) -> Path:
     return existing(path)
 
 
+def _between_bars_s() -> float:
+    """A terminal shows one bar in place of the last; a file keeps them all."""
+    return 0.1 if sys.stderr.isatty() else 10.0
+
+
 def show(steps: Generator[Any, None, Any]) -> Any:
     """Drives a generator of Progress, printing stages as lines and iterations as a bar with loss and time left."""
     from tqdm import tqdm
@@ -319,11 +324,11 @@ def show(steps: Generator[Any, None, Any]) -> Any:
                 if bar is None or bar.desc != news.stage or bar.total != news.iterations:
                     if bar is not None:
                         bar.close()
-                    bar = tqdm(total=news.iterations, desc=news.stage, bar_format="{desc:8} {n_fmt}/{total_fmt} |{bar}| {postfix} {elapsed}")
-                bar.n = news.iteration
+                    bar = tqdm(total=news.iterations, desc=news.stage, bar_format="{desc:8} {n_fmt}/{total_fmt} |{bar}| {postfix} {elapsed}", miniters=1, mininterval=_between_bars_s())
                 loss = "" if news.loss is None else f"loss {news.loss:.4g}"
                 left = "" if news.seconds_left is None else f", {news.seconds_left:.0f} s left"
-                bar.set_postfix_str(loss + left + (f" {news.text}" if news.text else ""))
+                bar.set_postfix_str(loss + left + (f" {news.text}" if news.text else ""), refresh=False)
+                bar.update(news.iteration - bar.n)
             elif news.text:
                 (tqdm.write if bar is not None else print)(f"{news.stage:8} {news.text}")
                 sys.stdout.flush()
