@@ -32,17 +32,8 @@ JPEG_MAGIC, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"  # OpenC
 
 def read_video(path: Path, settings: Settings, frames: FrameSettings | None = None) -> Clip:
     """The clip in a video file that OpenCV can decode; camera.fps overrides the file's own rate and times. Raises InputError."""
-    fps = settings.camera.fps or _stated(path, cv2.CAP_PROP_FPS)
-    low, high = FRAME_RATES
-    if not low <= fps <= high:
-        raise InputError(f"{shown(path)}: the video states {fps:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
     every = 1 if frames is None else frames.every
-    shown_ms = _shown_ms(path, MOST_FRAMES * every + 1)
-    stamps, notes = [round(k * 1e9 / fps) for k in range(len(shown_ms))], list[str]()
-    if settings.camera.fps is None and _uneven(shown_ms, fps):
-        stamps = [round(1e6 * ms) for ms in shown_ms - shown_ms[0]]
-        apart = np.diff(shown_ms)
-        notes.append(f"the video's frames are {apart.min():.3g} to {apart.max():.3g} ms apart: each is taken at its own time; camera.fps overrides that")
+    stamps, notes = stamps_of(path, settings.camera.fps, MOST_FRAMES * every + 1)
     taken, images = chosen(stamps, every, shown(path)), Bounded(shown(path))
     for k, picture in zip(taken, video_frames(path, set(taken)), strict=False):
         images.add(stamps[k], picture)
@@ -52,6 +43,21 @@ def read_video(path: Path, settings: Settings, frames: FrameSettings | None = No
     if len(stamps) < LEAST_DECODED * announced:
         notes.append(f"{len(stamps)} of the {announced:.0f} frames that the video announces can be decoded: it is cut off or damaged")
     return replace(clip, notes=(*clip.notes, *notes))
+
+
+def stamps_of(path: Path, fps: float | None = None, most: int | None = None) -> tuple[list[int], list[str]]:
+    """When the frames of a video are shown [ns], the first at 0, `most` at most, and what is to be said of that; `fps` overrides the file's own rate
+    and times. Raises InputError."""
+    rate = fps or _stated(path, cv2.CAP_PROP_FPS)
+    low, high = FRAME_RATES
+    if not low <= rate <= high:
+        raise InputError(f"{shown(path)}: the video states {rate:.4g} frames a second, must be between {low:g} and {high:g}; set camera.fps")
+    shown_ms = _shown_ms(path, most)
+    if fps is not None or not _uneven(shown_ms, rate):
+        return [round(k * 1e9 / rate) for k in range(len(shown_ms))], []
+    apart = np.diff(shown_ms)
+    note = f"the video's frames are {apart.min():.3g} to {apart.max():.3g} ms apart: each is taken at its own time; camera.fps overrides that"
+    return [round(1e6 * ms) for ms in shown_ms - shown_ms[0]], [note]
 
 
 def video_frames(path: Path, kept: Container[int] | None = None) -> Iterator[np.ndarray]:
@@ -78,7 +84,7 @@ def _grabbed(path: Path) -> Iterator[cv2.VideoCapture]:
         raise _no_video(path)
 
 
-def _shown_ms(path: Path, most: int) -> np.ndarray:
+def _shown_ms(path: Path, most: int | None) -> np.ndarray:
     """When the frames of a video, `most` at most, are shown [ms], as its container tells."""
     return np.array([capture.get(cv2.CAP_PROP_POS_MSEC) for capture in islice(_grabbed(path), most)])
 

@@ -3,12 +3,14 @@
 Topics, qualities of service and pace are those of the recording, with /clock. With `--inputs` it stands in for a camera driver: colour, depth,
 their camera_info, an IMU, /tf and, with `--mask TOPIC`, label images come under the names that ingest_node listens to, the static transforms
 on `camera_pose`, and it begins when all of them are heard. It stays at the end, so that what is latched can be had, until a signal comes.
+A video is played as the images of a camera that nobody calibrated: ingest_node needs camera.fov_deg then.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +30,10 @@ def main() -> int:
     from rclpy.signals import SignalHandlerOptions
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("player")
+    node, scratch = rclpy.create_node("player"), tempfile.TemporaryDirectory(prefix="diffphys-replay-")
     stop.spinning = True
     try:
+        options.bag = _recording(options.bag, Path(scratch.name))
         player = _player(node, options)
         if options.inputs:
             node.get_logger().info(f"waiting until somebody subscribes to {', '.join(sorted(each.topic_name for each in player.outputs.values()))}")
@@ -44,6 +47,7 @@ def main() -> int:
         return BAD_INPUT
     finally:
         stop.deafen()
+        scratch.cleanup()
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
@@ -62,6 +66,15 @@ def _options() -> argparse.Namespace:
     if not 0 < options.rate < float("inf") or options.start < 0 or options.duration < 0:
         parser.error("--rate must be above 0, --start and --duration must not be below; give such numbers")
     return options
+
+
+def _recording(path: Path, scratch: Path) -> Path:
+    """What a player can play: the path itself, or a recording of the video that it is, made in a folder of ours."""
+    from diffphys_ros.bags.read import is_bag
+    from diffphys_ros.bags.write import write_recording
+    from diffphys_ros.nodes.video_topics import topics_of_video
+
+    return path if is_bag(path) or path.is_dir() else write_recording(scratch / "video.mcap", topics_of_video(path))
 
 
 def _player(node: Any, options: argparse.Namespace) -> Any:
