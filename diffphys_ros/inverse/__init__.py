@@ -20,6 +20,7 @@ from .prepared import Prepared
 from .refine import refine_gaussians
 from .resolution import time_budget_s
 from .solve import solve
+from .uncovered import uncover
 
 __all__ = ["Checkpoint", "Clock", "Judge", "Prepared", "Progress", "clock_of", "fit_gaussians", "label", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
 
@@ -79,5 +80,6 @@ def _solved(
     recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
     if may and calls_for_fields(prepared, recovery):
         prepared, splats, recovery, behind = yield from carried_by_fields(prepared, splats, recovery, behind, settings, clock)
+    behind, recovery = yield from uncover(prepared, splats, recovery, settings, behind=behind, clock=clock)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)

@@ -27,7 +27,7 @@ class Clock:
         part._began = self._began
         return part
 
-    def slice_end_s(self, pieces: int) -> float:
+    def slice_end_s(self, pieces: float) -> float:
         """When the first of so many pieces of what is left for search and training must end, all of which are as long [s since the start]."""
         return self.spent_s + SLICED * max(FIT_END * self.limit_s - self.spent_s, 0.0) / pieces
 

@@ -20,10 +20,11 @@ from .unknowns import Unknowns
 
 RULES = Rules(memory=20, patience=None)  # of the search for a frame's force: steps that are remembered [numerical]
 COARSE_SHARE = 1 / 3  # of its iterations, in which pictures are compared in blocks [chosen]
+FIRST = 6.0  # time for the first frame over that for another: its force begins from none, the others from their neighbour's [chosen]
 
 
 def transitions(model: Model, space: Space, begun: Descent | None, clock: Clock) -> Iterator[Descent]:
-    """A state for each frame whose force is found; those that `begun` counts are kept. Each frame has an equal share of the clock's time. The force of a frame is judged by the next picture:
+    """A state for each frame whose force is found; those that `begun` counts are kept. Each frame has an equal share of the clock's time, the first FIRST of them. The force of a frame is judged by the next picture:
     the velocity that it leaves must be answered by the next force, which experiment.frame_drag lets fade from frame to frame."""
     walk = Walk(model, clock)
     first, values = (0, 0.0) if begun is None else (begun.iteration, begun.value * begun.iteration)
@@ -61,7 +62,7 @@ class Walk:
     def seek(self, frame: int) -> float:
         """Give the features of a frame the values that show the next picture best; their loss."""
         features = self.field.features
-        end_s = self.clock.slice_end_s(self.frames - frame)
+        end_s = self.clock.slice_end_s(self.frames - frame if frame else 1 + (self.frames - 1) / FIRST)
         sought = self._guess(frame).requires_grad_(True)
         coarse = round(COARSE_SHARE * self.experiment.transition_iterations) if self.experiment.coarse_px > 1 else 0
         if coarse:

@@ -11,7 +11,7 @@ from diffphys_ros.config import build, layered
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import explaining, prepare, solve
 from diffphys_ros.inverse.choice import STILL
-from diffphys_ros.inverse.clock import FIT_END, Clock
+from diffphys_ros.inverse.clock import FIT_END, SLICED, Clock
 from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, may_carry, modes_miss, shortened
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.prepared import Prepared
@@ -67,6 +67,25 @@ def test_what_is_left_of_the_time_is_dealt_out_to_the_frames(problem: Problem) -
         walk.seek(2)
         counts.append(count[0])
     assert counts[1] < counts[0] / 2
+
+
+class _Set(Clock):
+    """Shows the time that it is set to."""
+
+    spent_s = 0.0  # type: ignore[assignment]
+
+
+def test_the_first_force_which_begins_from_none_is_sought_six_times_as_long_as_another(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    model, clock, ends = Model(problem), _Set(100.0), []
+    model.enter(schedule(problem)[0])
+    walk = Walk(model, clock)
+    monkeypatch.setattr(walk, "_lower", lambda sought, frame, block_px, iterations, end_s: ends.append(end_s - clock.spent_s) or 0.0)
+    for frame in (0, 1, 2):
+        walk.seek(frame)
+        clock.spent_s += ends[-1] / SLICED  # type: ignore[misc]
+    first, second, third = ends[1::2]  # of which the coarse part ends earlier
+    assert first == pytest.approx(6 * second)
+    assert second == pytest.approx(third)
 
 
 @pytest.fixture(scope="module")
