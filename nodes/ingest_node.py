@@ -29,7 +29,7 @@ from .memory import give_back
 from .parameters import Own, existing
 from .player import Part, Player
 from .qos import RELIABILITY, profile
-from .recorder import ALWAYS, MANUAL, MOTION, PAUSE, Recorder
+from .recorder import ALWAYS, FULL, MANUAL, MOTION, PAUSE, Recorder
 from .stage import StageNode
 from .worker import FAILED, Job
 
@@ -230,7 +230,11 @@ class IngestNode(StageNode):
                 "call ~/reset of a stage to let the next one pass"
             )
             return
-        self.get_logger().info(f"a clip of {count} images, {span_s:.2f} s, ends: {why}")
+        words = f"a clip of {count} images, {span_s:.2f} s, ends: {why}"
+        if why == FULL:
+            self.get_logger().warning(f"{words}; what comes after them is no part of it, raise these parameters for a longer one")
+        else:
+            self.get_logger().info(words)
         if self.recorder.trigger == ALWAYS and why != PAUSE:
             self.get_logger().info("what the camera sends on is kept for ~/end and ~/record; a clip begins by itself after a pause, or with clip.trigger motion")
         self._send_next()

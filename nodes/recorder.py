@@ -13,6 +13,7 @@ from .motion import LEAST_REST, LEAST_TAIL, Watch
 
 ALWAYS, MANUAL, MOTION = "always", "manual", "motion"
 PAUSE = "the images stopped"
+FULL = "it is as large as max_frames and max_mib allow"
 REPLAY_JUMP_NS = 10**9  # stamps that go back by more are a bag that starts over
 REST_S = 1.0  # kept before the motion that opens a clip
 STILL_S = 1.0  # without motion, after which a clip that motion opened ends
@@ -123,7 +124,7 @@ class Recorder:
         elif self.trigger == MOTION and self.watch.still_s() >= STILL_S:
             self._close("nothing moves any more")
         elif self.intake.full:
-            self._close("it is as large as max_frames and max_mib allow")
+            self._close(FULL)
 
     def _close(self, why: str) -> None:
         tail = self.watch.tail()
@@ -140,7 +141,7 @@ class Recorder:
     def _look_at_rest(self) -> None:
         rest = self.watch.rest()
         if not self.fault and rest is not None and rest < LEAST_REST:
-            self._doubt(f"the object moves {rest} frames after the clip began, needs {LEAST_REST} of rest; let it come to rest, record, then push")
+            self._doubt(f"the object moves {rest} frames after the clip began, needs {LEAST_REST} of rest; let it come to rest, record, then push (a plain object that swings freely needs none)")
 
     def _doubt(self, fault: str) -> None:
         if fault != self.fault:

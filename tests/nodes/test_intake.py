@@ -180,6 +180,15 @@ def test_a_clip_that_fails_does_not_keep_the_next_one_out(make_node, made_clip) 
         assert ended(node) == state
 
 
+def test_a_clip_that_is_cut_off_at_its_bound_is_warned_of(make_node, made_clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    node, said = make_node(IngestNode, max_frames=5), []
+    monkeypatch.setattr(type(node.get_logger()), "warning", lambda logger, words, **options: said.append(words))
+    node.take("camera_info", info_of(made_clip))
+    for k in range(len(made_clip)):
+        node.take("image", colour(made_clip, k))
+    assert [words for words in said if "a clip of 5 images" in words and "max_frames" in words and "is no part of it" in words]
+
+
 def test_a_clip_that_ends_before_its_camera_info_comes_waits_for_it(make_node, made_clip) -> None:
     node = make_node(IngestNode)
     for k in range(len(made_clip)):
