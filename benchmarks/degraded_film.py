@@ -16,6 +16,8 @@ BLUR_PX, NOISE = 2.0, 5.0  # standard deviation, and that of grey levels alike i
 LOST = 12  # every so-many-th frame is
 HELD, LEAVES = 24, 90  # frames that a finger holds the tip for, and in which it is drawn back
 FINGER = (70, 14)  # half axes [px]
+HAND_PX, HAND_HZ = np.array([2.0, 1.2]), np.array([0.9, 1.3])  # sideways and up, amplitude and frequency of the camera's motion
+DRIFT = 0.3  # by which the exposure has changed at the end
 FLICKER, FLICKER_HZ = 0.06, 100.0  # of the light, over the mean
 Frames = np.ndarray  # (T, H, W, 3) uint8
 Worse = Callable[[Frames, float], tuple[Frames, float]]
@@ -74,6 +76,19 @@ def flickering(frames: Frames, fps: float) -> tuple[Frames, float]:
     return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)]), fps
 
 
+def by_hand(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """Of a camera that a hand holds, to shares of a pixel; what comes in at the border is what was last seen there."""
+    size = frames.shape[2:0:-1]
+    moved = HAND_PX * np.sin(2 * np.pi * HAND_HZ * np.arange(len(frames))[:, None] / fps)
+    return np.stack([cv2.warpAffine(frame, np.array([[1.0, 0, x], [0, 1.0, y]]), size, borderMode=cv2.BORDER_REPLICATE) for frame, (x, y) in zip(frames, moved, strict=True)]), fps
+
+
+def drifting(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """With an exposure that follows something else."""
+    light = 1 + DRIFT * np.linspace(0, 1, len(frames))
+    return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)]), fps
+
+
 def scaled(by: float) -> Worse:
     """With other pixels."""
     return lambda frames, fps: (np.stack([cv2.resize(frame, None, fx=by, fy=by, interpolation=cv2.INTER_AREA if by < 1 else cv2.INTER_CUBIC) for frame in frames]), fps)
@@ -85,7 +100,7 @@ def seen(change: Callable[[Frames], np.ndarray]) -> Worse:
 
 
 WORSE: dict[str, Worse] = {
-    "blur": blurred, "noise": noisy, "rolling": rolling, "lost": with_lost, "held": held, "flicker": flickering,
+    "blur": blurred, "noise": noisy, "rolling": rolling, "lost": with_lost, "held": held, "flicker": flickering, "hand": by_hand, "drift": drifting,
     "60fps": thinned(4), "30fps": thinned(8), "60fps-shutter": shuttered(4), "30fps-shutter": shuttered(8), "half": scaled(0.5), "double": scaled(2.0),
     "mirrored": seen(lambda f: f[:, :, ::-1]), "turned": seen(lambda f: np.rot90(f, -1, (1, 2))), "overhead": seen(lambda f: f[:, ::-1, ::-1]),
     "brighter": seen(lambda f: _levels(1.6 * f.astype(np.float32) + 25)), "gamma": seen(lambda f: _levels(255 * (f / np.float32(255)) ** 0.6)), "negative": seen(lambda f: 255 - f),

@@ -1,9 +1,11 @@
-"""A filmed swing fitted on its first half and let go on: how far the free end is off over the next five periods.
+"""A filmed swing fitted on its first half and let go on: how far the free end is off over the next five periods; and its first second, by a law that
+was read from the frames after it.
 
 usage: python benchmarks/swing_ahead.py FILM.mp4 [--setting value ...]     (the flags of diffphys recover)
 
-Rest, clamp and scale are the outline's own, from the calm frames. Modulus, drag, and how both depend on the size of the swing, are fitted on frames 0
-to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames.
+Rest, clamp and scale are the outline's own, from the calm frames. Ahead: modulus, drag, and how both depend on the size of the swing, are fitted on frames 0
+to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames. From later frames: modulus and drag are
+those of the calm frames, softening and drag of squared speed are read from the second second, let go from its own first frames.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from diffphys_ros.bags.read import read_clip
 from diffphys_ros.config import Settings
 from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse.outlined import Outlined, outlined
-from diffphys_ros.inverse.swing import MOST_FIRST, Follower
+from diffphys_ros.inverse.swing import MOST_FIRST, SECONDS, Follower, calm_swing
+from diffphys_ros.inverse.yielding import Yielding, fitted
 from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
 
@@ -41,14 +44,22 @@ class Film:
         self.hz, self.period_s = float(start.observed_hz[0]), seen.whole.period_s
         specific = float(start.young[0] / seen.body.density[0])
         self.follower = Follower.of(FlatSolid.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
+        self.calm = calm_swing(self.follower, seen, start, self.hz)
         self.half = len(seen.whole) // 2 - MOST_FIRST // 2
         self.end = min(len(seen.whole) - MOST_FIRST // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
         poses = self.follower.poses(self.end + MOST_FIRST // 2)
         if poses is None:
             raise SystemExit(f"{path}: the outline is lost")
-        times = (np.arange(MOST_FIRST) - MOST_FIRST // 2) * self.period_s
-        _, self.v, self.u = np.polyfit(times, poses[:MOST_FIRST], 2)
+        self.second = round(SECONDS / self.period_s)
+        self.u, self.v = self._state(poses[:MOST_FIRST])
+        self.later = self._state(poses[self.second :][:MOST_FIRST])
         self.told = self.follower.tip(poses[MOST_FIRST // 2 :])
+
+    def _state(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pose and velocity in the middle of some frames."""
+        times = (np.arange(len(poses)) - len(poses) // 2) * self.period_s
+        _, v, u = np.polyfit(times, poses, 2)
+        return u, v
 
     def tip(self, law: np.ndarray, frames: int) -> np.ndarray:
         """The free end (frames, 2) [px] under a law."""
@@ -75,15 +86,38 @@ class Film:
                 found = self.better(found, frames)
         return found
 
+    def first_second(self) -> dict[str, tuple[Yielding, float]]:
+        """The error in the first second under the calm frames' law, under its own, and under the one that the second after it tells."""
+        first, later = (self.told[k : k + self.second] for k in (0, self.second))
+        laws = {"constant": Yielding(), "two numbers": self._read(first, (self.u, self.v))}
+        if len(later) > self.second // 2:
+            laws["from later frames"] = self._read(later, self.later)
+        return {name: (law, error(self._let_go(law, (self.u, self.v), len(first)), first)) for name, law in laws.items()}
 
-def error(tip: np.ndarray, told: np.ndarray) -> float:
-    """Over the motion, root mean square."""
+    def _read(self, told: np.ndarray, begin: tuple[np.ndarray, np.ndarray]) -> Yielding:
+        found = fitted(lambda law: self._let_go(law, begin, len(told)), told)
+        if found is None:
+            raise SystemExit("the motion cannot be simulated")
+        return found.law
+
+    def _let_go(self, law: Yielding, begin: tuple[np.ndarray, np.ndarray], frames: int) -> np.ndarray | None:
+        under = self.follower.obeying(law, self.calm)
+        free = under.let_go(*begin, drag_per_s=self.calm.drag(law), drag_per_m=law.drag_per_m, hz=self.hz, frames=frames)
+        return None if free is None else under.tip(free)
+
+
+def error(tip: np.ndarray | None, told: np.ndarray) -> float:
+    """Over the motion, root mean square; infinite where it cannot be simulated."""
+    if tip is None:
+        return np.inf
     return float(np.linalg.norm(tip - told) / np.linalg.norm(told - told.mean(0)))
 
 
 def main(path: str, *flags: str) -> None:
-    """One line for a film."""
+    """Two lines for a film."""
     film = Film(path, config.layered([], config.flags_of(flags)))
+    errors = (f"{100 * missed:.1f} % {name} (softens {own.softens:.2f}, drag {own.drag_per_m:.2f} /m)" for name, (own, missed) in film.first_second().items())
+    print(f"{path}: the first second missed by {', '.join(errors)}", flush=True)
     law = film.law()
     tip, half = film.tip(law, film.end), film.half
     periods = (film.end - half) * film.period_s * film.hz

@@ -70,8 +70,7 @@ def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
         return None
     times = (np.arange(first) - first // 2) * whole.period_s
     _, v, u = np.polyfit(times, poses[:first], 2)
-    drag = float(start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2)  # all of it as of the mass: of strain it would brake what turns
-    calm = follower.calm(hz, drag, _tip_amplitude(seen), seen.hanging.periods)
+    calm = calm_swing(follower, seen, start, hz)
 
     def let_go(law: Yielding) -> np.ndarray | None:
         under = follower.obeying(law, calm)
@@ -83,6 +82,12 @@ def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
         return None
     error, constant = (float(np.sqrt(((tip - told) ** 2).sum(1).mean())) for tip in (found.tip, found.constant))
     return Swing(len(told), motion, error, error / motion, constant / motion, found.law.softens, found.law.drag_per_m, hz / calm.small_hz(found.law), begin)
+
+
+def calm_swing(follower: Follower, seen: Outlined, start: StartValues, hz: float) -> CalmSwing:
+    """What the calm frames say of a swing, with the frequency of their leading mode."""
+    drag = float(start.damping.mass_per_s + start.damping.stiffness_s * (2 * np.pi * hz) ** 2)  # all of it as of the mass: of strain it would brake what turns
+    return follower.calm(hz, drag, _tip_amplitude(seen), seen.hanging.periods)
 
 
 @dataclass(frozen=True)
