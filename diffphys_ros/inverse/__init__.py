@@ -80,6 +80,6 @@ def _solved(
     recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
     if may and calls_for_fields(prepared, recovery):
         prepared, splats, recovery, behind = yield from carried_by_fields(prepared, splats, recovery, behind, settings, clock)
-    behind, recovery = yield from uncover(prepared, splats, recovery, settings, behind=behind, clock=clock)
+    splats, behind, recovery = yield from uncover(prepared, splats, recovery, settings, behind=behind, clock=clock)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)
     return prepared, splats, judge.judged(recovery, prepared)

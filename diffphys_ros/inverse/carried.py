@@ -51,6 +51,10 @@ class CarriedGaussians:
         binding = bind(((splats.mean.astype(float) if places is None else places) - pose[:3, 3]) @ pose[:3, :3], particles)
         return cls(Rasterizer(camera, device), binding, mean, rotation, scale, opacity, color, placed, behind)
 
+    def over(self, background: np.ndarray) -> CarriedGaussians:
+        """The same before another scene, uint8 (H, W, 3)."""
+        return replace(self, background=torch.as_tensor(background, device=self.mean.device).float() / 255)
+
     def moved(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (S, G, 3) [m] and rotation (S, G, 4), world, where particles that were at x0 (P, 3) [m] are at x (S, P, 3); deformation
         gradients F (S, P, 3, 3), None: from the positions. Differentiable."""

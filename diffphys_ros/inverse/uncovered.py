@@ -10,35 +10,67 @@ import torch
 
 from ..config import Settings
 from ..devices import usable
-from ..progress import Progress
-from ..types import IGNORE, Clip, Recovery, Splats
-from .answer import nearness
+from ..progress import Progress, told
+from ..splats import View, fit_views
+from ..types import IGNORE, Clip, Recovery, Splats, object_mask
+from .answer import nearness, shown_frames
 from .carried import CarriedGaussians
 from .clock import Clock
+from .left_behind import scene_in_mask
 from .prepared import Prepared
 from .refine import riding
 
 HELD = 0.1  # weight of the scene as it was read before, where a frame that shows it uncovered has 1: what is hardly ever seen stays [chosen]
 COVERED = 0.01  # opacity of the object's from which a pixel is read again: elsewhere nothing moves, and the median stays [numerical]
+MENDING = 40  # steps by which Gaussians fill frame 0 where others of them are left behind [numerical]
 
 
 def uncover(
     prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, *, behind: np.ndarray, clock: Clock | None = None
-) -> Generator[Progress, None, tuple[np.ndarray, Recovery]]:
-    """The scene behind the object uint8 (H, W, 3), constant in time, as all frames show it where the object as it was simulated uncovers it, and the
-    recovery with frames and image metrics over that; motion, fields and Gaussians stay. Both as they were where the video comes no nearer, or the
-    clock says so. Yields news."""
-    clip = prepared.clip
+) -> Generator[Progress, None, tuple[Splats, np.ndarray, Recovery]]:
+    """Gaussians, the scene behind them uint8 (H, W, 3), constant in time, as all frames show it where the object as it was simulated uncovers it, and the
+    recovery with frames and image metrics over that; motion and fields stay. Under the published schedule, Gaussians that stand still become part of the
+    scene, and the others are fitted to frame 0 over it. All as they were where the video comes no nearer, or the clock says so. Yields news."""
+    clip, before, given = prepared.clip, recovery.metrics.get("psnr_masked"), (splats, behind, recovery)
     if recovery.frames is None or clip.labels is None or not (clock is None or clock.allows_refinement()):
-        return behind, recovery
-    carried = riding(splats, recovery, clip, behind, device=usable(settings.fit.device))
-    scene = scene_uncovered(carried, recovery.trajectory, clip)
-    shown = replace(carried, background=torch.as_tensor(scene, device=carried.mean.device).float() / 255).clip(recovery.trajectory)
-    found, before = nearness(clip, shown), recovery.metrics["psnr_masked"]
-    if found["psnr_masked"] <= before:  # type: ignore[operator]
-        return behind, recovery
+        return given
+    x, device = recovery.trajectory, usable(settings.fit.device)
+    carried = riding(splats, recovery, clip, behind, device=device)
+    scene = scene_uncovered(carried, x, clip)
+    shown = carried.over(scene).clip(x)
+    counted: dict[str, object] = {}
+    if settings.experiment.published:
+        stays, pixels = scene_in_mask(splats, carried, x, shown, clip)
+        for fewer, other in (yield from _left_behind(prepared, splats, recovery, settings, behind, stays, pixels)) if stays.any() else []:
+            instead = riding(fewer, recovery, clip, other, device=device).clip(x)
+            if _error(clip, instead) < _error(clip, shown):
+                splats, scene, shown, counted = fewer, other, instead, {"gaussians_left_behind": int(stays.sum())}
+    found = nearness(clip, shown)
+    if found["psnr_masked"] < before or _error(clip, shown) >= _error(clip, recovery.frames):  # type: ignore[operator]
+        return given
     yield Progress("splats", text=f"scene read again where the object uncovers it: PSNR {before:.1f} to {found['psnr_masked']:.1f} dB")
-    return scene, replace(recovery, frames=shown, metrics=recovery.metrics | found | {"psnr_masked_before_uncovering": before})
+    return splats, scene, replace(recovery, frames=shown, metrics=recovery.metrics | found | counted | {"psnr_masked_before_uncovering": before})
+
+
+def _error(clip: Clip, frames: np.ndarray) -> float:
+    """Mean square of (T, H, W, 3) over the region where the object is seen in any frame: what it uncovers is no part of the mask of that frame."""
+    region = object_mask(clip.labels).any(0)  # type: ignore[arg-type]
+    return float(np.mean([np.square(frames[k][region].astype(np.float32) - clip.frames[k][region]).mean() for k in shown_frames(clip)]))
+
+
+def _left_behind(
+    prepared: Prepared, splats: Splats, recovery: Recovery, settings: Settings, behind: np.ndarray, stays: np.ndarray, pixels: np.ndarray
+) -> Generator[Progress, None, list[tuple[Splats, np.ndarray]]]:
+    """Gaussians without those that belong to the scene, and the scene with these; the same, fitted to frame 0 beside the scene's `pixels` (H, W)."""
+    clip, device, x = prepared.clip, usable(settings.fit.device), recovery.trajectory
+    assert clip.labels is not None
+    fewer = Splats(*(values[~stays] for values in vars(splats).values()))
+    carried = riding(fewer, recovery, clip, np.where(pixels[..., None], clip.frames[0], behind), device=device)
+    scene = scene_uncovered(carried, x, clip)
+    labels = np.where(pixels & (clip.labels[0] != IGNORE), 0, clip.labels[0])
+    view = View(clip.frames[0], clip.camera, labels, scene, carried.motion(x[0], x[0]))
+    mended = yield from told("splats", fit_views([view], fewer, settings, device, iterations=MENDING, near=True))
+    return [(fewer, scene), (mended, scene_uncovered(riding(mended, recovery, clip, scene, device=device), x, clip))]
 
 
 def scene_uncovered(carried: CarriedGaussians, x: np.ndarray, clip: Clip) -> np.ndarray:
