@@ -15,9 +15,10 @@ from ..linear_systems import inverted
 from ..types import Body, Tracks
 from .free_tail import DETUNED, FREQUENCY_SD, Physics, Tail, prior_residual
 
+HELD_SD = 0.01  # of a mode's log frequency where modes are held to the model: a width, a thickness and a density alone make it [chosen]
 SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
 SMOOTH = 6  # directions, at most, that such an error is spread over: it is smooth along the body, and strains the parts as stiffness would [chosen]
-SILHOUETTE_PX = 0.25  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
+SILHOUETTE_PX = 0.1  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
 
@@ -78,9 +79,9 @@ def detuning_log10_sd(detuning: float) -> float:
 
 def of_held_modes(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
     """Standard deviation of log10 E per part, (n,), by what a search that holds the modes to the model leaves no room for, though it is the same in all
-    frames: frequencies, each off by FREQUENCY_SD, and shapes, off by what they miss of the motion, or by SHAPE_SD."""
+    frames: frequencies, each off by HELD_SD, and shapes, off by what they miss of the motion, or by SHAPE_SD."""
     count = DETUNED - tail.detuned
-    frequencies = differences(lambda off: tail.misfit(replace(physics, detune=FREQUENCY_SD * off)).ravel() / tail.sigma_m, np.zeros(count))
+    frequencies = differences(lambda off: tail.misfit(replace(physics, detune=HELD_SD * off)).ravel() / tail.sigma_m, np.zeros(count))
     return np.hypot(_taken_on(bend, frequencies, len(physics.young)), of_shapes(tail, physics, bend, least=SHAPE_SD))
 
 

@@ -18,14 +18,14 @@ from .clamp_doubt import clamp_doubt
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
-from .free_tail import FREQUENCY_SD, Physics, Tail
+from .free_tail import Physics, Tail
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_held_modes, of_shapes, outline_sd
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
-MOST_DETUNING = 7.0  # times what errors of the outline allow: then the body is not the one that was told, and E means nothing [chosen]
+MOST_DETUNING = 0.07  # of a mode's log frequency: no error of the outline makes so much, the body is not the one that was told, and E means nothing [chosen]
 WIDEST_SD = 0.2  # of log10 E that still counts as identified [chosen]
 GUESS_SD = 0.5  # of log10 E of a guess [chosen]
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
@@ -64,11 +64,19 @@ def start_values(
     mesh = solid_mesh(body, (FINER if tracks.normals is not None else 1.0) * element_size(body))
     elements = Elements.of(body, mesh, apart=densities is not None)
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
-    fit = run(stages, Fit.begun(replace(evidence, densities=densities if support.has_free_tail else None), elements, support)).tuned
+    fit = _tuned(run(stages, Fit.begun(replace(evidence, densities=densities if support.has_free_tail else None), elements, support)))
     if fit.evidence.densities is not None and _explained_badly(fit):  # then the densities tell what is no free motion
-        fit = run(stages, Fit.begun(evidence, elements, support)).tuned
+        fit = _tuned(run(stages, Fit.begun(evidence, elements, support)))
     held_sd = clamp_doubt(fit, mesh)
     return bounded(values_of(fit, clamp_sd=held_sd), fit, clamp_sd=held_sd), fit.modal
+
+
+def _tuned(fit: Fit) -> Fit:
+    """The same with what was found in body and modal model; without the frequencies of modes that do not explain the free motion, which are none."""
+    tuned = fit.tuned
+    if fit.support.has_free_tail and _explained_badly(tuned):
+        return replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune))).tuned
+    return tuned
 
 
 def joint_wanted(start: StartValues, settings: Settings) -> bool:
@@ -179,7 +187,7 @@ def widened(values: StartValues, extra: np.ndarray | float, why: str) -> StartVa
 
 def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0) -> StartValues:
     """With the least moduli of parts whose own are not known though the modes explain the free motion."""
-    explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING * FREQUENCY_SD
+    explained = values.has_free_tail and values.modes_hold and values.detuning <= MOST_DETUNING
     wanted = ~values.identified & explained
     if not wanted.any():
         return values
@@ -241,9 +249,9 @@ def _reasons(fit: Fit, sd: np.ndarray, residual: float, detuning: float, *, hold
     if not holds:
         text = f"the free motion differs from the fitted modes by {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm; check mask, thickness and parts."
         return [(True, text)] * len(sd)
-    if detuning > MOST_DETUNING * FREQUENCY_SD:
+    if detuning > MOST_DETUNING:
         text = (
-            f"the modes explain the free motion only if a frequency of theirs is {100 * detuning:.0f} % off, at most {100 * MOST_DETUNING * FREQUENCY_SD:.0f} % "
+            f"the modes explain the free motion only if a frequency of theirs is {100 * detuning:.0f} % off, at most {100 * MOST_DETUNING:.0f} % "
             "is allowed; check scene.gravity_m_s2, thickness, mask and parts."
         )
         return [(True, text)] * len(sd)
