@@ -18,7 +18,7 @@ from .clamp_doubt import clamp_doubt
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
-from .free_tail import Physics, Tail
+from .free_tail import FREQUENCY_SD, Physics, Tail
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
@@ -26,6 +26,7 @@ from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_he
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 0.07  # of a mode's log frequency: no error of the outline makes so much, the body is not the one that was told, and E means nothing [chosen]
+STRANGE = 3.0  # of its standard deviations by which a frequency is off: then that is why E is not known [derived]
 WIDEST_SD = 0.2  # of log10 E that still counts as identified [chosen]
 GUESS_SD = 0.5  # of log10 E of a guess [chosen]
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
@@ -255,8 +256,11 @@ def _reasons(fit: Fit, sd: np.ndarray, residual: float, detuning: float, *, hold
             "is allowed; check scene.gravity_m_s2, thickness, mask and parts."
         )
         return [(True, text)] * len(sd)
+    why = "this part hardly strains in the free motion"
+    if detuning > STRANGE * FREQUENCY_SD:
+        why = f"a frequency of the modes is {100 * detuning:.1f} % off; check scene.gravity_m_s2, thickness, mask and parts"
     return [
-        (True, f"log10 E is known to +-{s:.2f} only: this part hardly strains in the free motion.")
+        (True, f"log10 E is known to +-{s:.2f} only: {why}.")
         if s > WIDEST_SD
         else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
         for s in sd
