@@ -117,9 +117,9 @@ def test_gaussians_of_frame_0_are_of_no_use_to_a_body_that_is_that_of_another_fr
     assert prepared.hanging.rest_frame > 0
     used = []
 
-    def solved(prepared: Prepared, splats: str, *_: object, **__: object) -> Iterator[None]:
+    def solved(prepared: Prepared, splats: str, *_: object, **__: object) -> Iterator[SimpleNamespace]:
         used.append(splats)
-        return
+        return SimpleNamespace(frames=None)
         yield
 
     def returning(value: object) -> Callable[..., Iterator[None]]:
