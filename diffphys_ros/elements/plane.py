@@ -3,9 +3,7 @@
 The law is the compressible neo-Hookean one of Blatz and Ko (1962), with the strain across the plane eliminated exactly:
 psi = mu / 2 (tr C - 2 + (J^(-2 beta) - 1) / beta), beta = nu / (1 - nu), J of the plane alone. It resists being crushed without bound; that of
 St Venant and Kirchhoff gives way at strains of .3, as at the clamp of a strip that swings by 60 degrees. What gives way as it is strained has
-its stress divided by sqrt(1 + 2 k e^2), e^2 = 2 psi with E = 1, e the strain of a pulled bar: a hyperelastic law still. Its modulus falls by k e^2, the first
-that a smooth law may do where push and pull are alike; the root keeps stress rising at any strain. k is told by what the modulus falls at a strain
-of .1 over that strain, `softens`. The air's drag may grow with the square of speed.
+its stress divided by 1 + softens e, e = sqrt(2 psi) with E = 1: the strain of a pulled bar. The air's drag may grow with the square of speed.
 
 Everything is per unit of depth and density, so that stiffness is E / density [m^2/s^2] and loads are accelerations. Displacements u (2 N,) count
 from the shape without load, node by node: x, y.
@@ -26,7 +24,7 @@ from .mesh import element_size, triangulate
 
 COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 % [tests/elements/test_plane.py]
 MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length [numerical]
-TOLD_STRAIN = 0.1  # at which `softens` is told: a unit [numerical]
+LEAST_ENERGY = 1e-16  # over E: less is no strain [numerical]
 MOST_SPLITS = 5  # of a step of a motion in halves [numerical]
 MOST_HALVINGS = 8  # of a step that would turn an element inside out [numerical]
 SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 % [Chung and Hulbert 1993]
@@ -82,7 +80,7 @@ class FlatSolid:
     triangles: np.ndarray  # (E, 6)
     held: np.ndarray  # nodes, bool (N,)
     poisson: float
-    softens: float = 0.0  # share by which the modulus falls at a strain of TOLD_STRAIN, over that strain
+    softens: float = 0.0  # share by which the modulus falls, over the strain
 
     @classmethod
     def of(cls, body: Body) -> FlatSolid:
@@ -175,14 +173,14 @@ class FlatSolid:
         metric = np.linalg.inv(np.swapaxes(strained, -1, -2) @ strained)
         pressure = mu * area_ratio ** (-2 * beta)
         energy = 0.5 * mu * ((strained**2).sum((-2, -1)) - 2 + (area_ratio ** (-2 * beta) - 1) / beta)
-        falls = self.softens / TOLD_STRAIN
-        left = 1 / np.sqrt(1 + 4 * falls * energy)
+        strain = np.sqrt(2 * np.maximum(energy, LEAST_ENERGY))
+        left = 1 / (1 + self.softens * strain)
         first, second = np.array(PAIRS).T
         stress = left[..., None, None] * (mu * np.eye(2) - pressure[..., None, None] * metric)
         single, inverse = stress[..., first, second], metric[..., first, second]  # (E, Q, 3)
         crossed = metric[..., first[:, None], first] * metric[..., second[:, None], second] + metric[..., first[:, None], second] * metric[..., second[:, None], first]
         law = (pressure * left)[..., None, None] * (2 * beta * inverse[..., :, None] * inverse[..., None, :] + crossed)
-        law -= (2 * falls * left)[..., None, None] * single[..., :, None] * single[..., None, :]
+        law -= (self.softens / strain)[..., None, None] * single[..., :, None] * single[..., None, :]
         by_node = np.swapaxes(slope, -1, -2)[..., None, :]  # (E, Q, n, 1, axis)
         turned = strained[..., None, :, :]  # (E, Q, 1, i, axis)
         sheared = turned[..., first] * by_node[..., second] + turned[..., second] * by_node[..., first]

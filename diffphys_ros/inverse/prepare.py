@@ -210,6 +210,6 @@ def describe_swing(swing: Swing | None) -> str:
     """The prediction of the large swing in a line for people."""
     if swing is None:
         return "the swing before the calm frames could not be followed"
-    gives = f"; its modulus falls by {10 * swing.softens:.1f} % at a strain of .1, without that and the air's drag {100 * swing.constant_error_share:.1f} %" if swing.softens or swing.drag_per_m else ""
+    gives = f"; its modulus falls by {swing.softens:.2f} of its strain, without that and the air's drag {100 * swing.constant_error_share:.1f} %" if swing.softens or swing.drag_per_m else ""
     missed = f"misses the picture by {swing.tip_error_px:.1f} px: {100 * swing.tip_error_share:.1f} %"
     return f"let go as in frame {swing.first}, the free end swings by {swing.tip_motion_px:.1f} px (rms) and {missed}{gives}"

@@ -22,7 +22,7 @@ EXPECTED = 0.03  # error over motion that no such law explains: with a spread of
 class Yielding:
     """How a material and the air depart from one modulus and one drag."""
 
-    softens: float = 0.0  # share by which the modulus falls at a strain of .1, over that strain; it goes with the square of the strain
+    softens: float = 0.0  # share by which the modulus falls, over the strain
     drag_per_m: float = 0.0  # drag over mass and squared speed
 
 

@@ -15,7 +15,7 @@ class Swing:
     tip_error_px: float  # root mean square
     tip_error_share: float  # of the motion
     constant_error_share: float  # the same where nothing is read from this swing: modulus and drag stay those of the calm frames
-    softens: float  # share by which the modulus falls at a strain of .1, over that strain; it goes with the square of the strain
+    softens: float  # share by which the modulus falls, over the strain
     drag_per_m: float  # of the air, over mass and squared speed
     softening: float  # frequency of the calm frames over that of a small swing: Young's modulus is found too small by about its square
     first: int = 0  # of the recording's frames, in which it is let go

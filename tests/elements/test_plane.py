@@ -90,22 +90,12 @@ def test_an_element_that_is_turned_inside_out_is_refused_and_never_entered(plane
     plane.inner(pressed)  # is sound
 
 
-def test_what_gives_way_is_softer_by_the_square_of_the_strain(plane: FlatSolid) -> None:
-    """Pulled along by a fiftieth of its length at the clamp, and by a twentieth: in the mean a half of the square of that is what counts."""
+def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: FlatSolid) -> None:
+    """Pulled along by a twentieth of its length at the clamp, on the mean a fortieth."""
+    load = plane.weight(np.array([0.05 * SPECIFIC / LENGTH, 0.0]))
     tip = 2 * int(plane.nodes[:, 0].argmax())
-    longer = []
-    for strain in (0.02, 0.05):
-        load = plane.weight(np.array([strain * SPECIFIC / LENGTH, 0.0]))
-        stretch = [replace(plane, softens=share).balanced(SPECIFIC, load, still(plane))[tip] for share in (0.0, 0.5)]
-        longer.append(stretch[1] / stretch[0] - 1)
-    assert longer[0] == pytest.approx(0.5 / 0.1 * 0.02**2 / 2, rel=0.1)
-    assert longer[1] / longer[0] == pytest.approx((0.05 / 0.02) ** 2, rel=0.1)
-
-
-def test_what_gives_way_pulls_the_more_the_further_it_is_drawn(plane: FlatSolid) -> None:
-    soft, tip = replace(plane, softens=3.0), 2 * int(plane.nodes[:, 0].argmax())
-    drawn = [soft.balanced(SPECIFIC, plane.weight(np.array([pull * SPECIFIC / LENGTH, 0.0])), still(plane))[tip] for pull in (0.05, 0.1, 0.12)]
-    assert (np.diff(drawn) > 0).all()
+    stretch = [replace(plane, softens=share).balanced(SPECIFIC, load, still(plane))[tip] for share in (0.0, 0.5)]
+    assert stretch[1] / stretch[0] == pytest.approx(1 + 0.5 * 2 / 3 * 0.05, abs=0.004)
 
 
 def test_drag_of_squared_speed_brakes_what_is_fast(plane: FlatSolid) -> None:
