@@ -38,18 +38,19 @@ def uncover(
     carried = riding(splats, recovery, clip, behind, device=device)
     scene = scene_uncovered(carried, x, clip)
     shown = carried.over(scene).clip(x)
-    counted: dict[str, object] = {}
+    found: list[tuple[Splats, np.ndarray, np.ndarray, dict[str, object]]] = [(splats, scene, shown, {})]
     if settings.experiment.published:
         stays, pixels = scene_in_mask(splats, carried, x, shown, clip)
         for fewer, other in (yield from _left_behind(prepared, splats, recovery, settings, behind, stays, pixels)) if stays.any() else []:
             instead = riding(fewer, recovery, clip, other, device=device).clip(x)
-            if _error(clip, instead) < _error(clip, shown):
-                splats, scene, shown, counted = fewer, other, instead, {"gaussians_left_behind": int(stays.sum())}
-    found = nearness(clip, shown)
-    if found["psnr_masked"] < before or _error(clip, shown) >= _error(clip, recovery.frames):  # type: ignore[operator]
+            found.append((fewer, other, instead, {"gaussians_left_behind": int(stays.sum())}))
+    found = [each for each in found if nearness(clip, each[2])["psnr_masked"] >= before]  # type: ignore[operator]
+    splats, scene, shown, counted = min(found, key=lambda each: _error(clip, each[2]), default=(*given[:2], recovery.frames, {}))
+    if _error(clip, shown) >= _error(clip, recovery.frames):
         return given
-    yield Progress("splats", text=f"scene read again where the object uncovers it: PSNR {before:.1f} to {found['psnr_masked']:.1f} dB")
-    return splats, scene, replace(recovery, frames=shown, metrics=recovery.metrics | found | counted | {"psnr_masked_before_uncovering": before})
+    metrics = nearness(clip, shown) | counted | {"psnr_masked_before_uncovering": before}
+    yield Progress("splats", text=f"scene read again where the object uncovers it: PSNR {before:.1f} to {metrics['psnr_masked']:.1f} dB")
+    return splats, scene, replace(recovery, frames=shown, metrics=recovery.metrics | metrics)
 
 
 def _error(clip: Clip, frames: np.ndarray) -> float:
