@@ -39,7 +39,7 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     "start.evidence": "STILL",
     "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT",
     "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD DETUNED",
-    "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 GAUSSIAN_GAIN<=1 GAUSSIAN_DROP EDGE_GAIN EDGE_SHARE<=1",
+    "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 EDGE_GAIN EDGE_SHARE<=1",
     "start.uncertainty": "SILHOUETTE_PX",
     "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",

@@ -13,7 +13,7 @@ from ..types import Body, Tracks
 from ..vibration.coordinates import Motion, Projection
 from ..vibration.forced_frames import Support
 from .densities import Densities
-from .force import GAUSSIAN_DROP, ForceProblem
+from .force import ForceProblem
 from .free_tail import DETUNED, MODEL_ERROR, Tail
 
 if TYPE_CHECKING:
@@ -101,6 +101,6 @@ class Evidence:
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
         acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
         unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
-        seen = Projection.of_tracks(self.motion, modal) if self.first_order else Projection.of(self.motion, modal)
+        seen = Projection.of_tracks(self.motion, modal) if support.allowed.any() else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
-        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)), 0.0 if self.first_order else GAUSSIAN_DROP)
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)))

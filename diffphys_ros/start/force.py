@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares
 
 from ..differences import differences
 from ..footprints import Footprint
@@ -23,17 +23,10 @@ FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
 AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule [chosen]
 AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # how much more a force costs along the body than across it
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest [chosen]
-GAUSSIAN_GAIN = 0.8  # a local footprint must lower the cost below this share of the uniform one's [chosen]
-# under a uniform force what linear modes miss looks like a push at the outer end, by up to 1.4 a frame in 11 clips with a known truth
-GAUSSIAN_DROP = 3.0  # sigma^2 a frame by which the cost must fall as well: twice that [chosen]
 EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak [chosen]
 REFINEMENTS = 8  # steps of the fit to all frames [numerical]
 CENTRES = (6, 3)  # of the search over footprints, along and across the body [numerical]
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length [numerical]
-NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, same unit: half of the least that is tried; hardly to be told from uniform [derived]
-PROMISING = 0.5  # of the drop of cost that a footprint needs: with less at its best start the search is not begun [numerical]
-FIRST_MOVES = (0.06, 0.06, 0.25)  # of the search: centre, over the body's length, and log width; less than the starts lie apart [numerical]
-FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends, of the length and of the cost [numerical]
 SINGULAR = 1e-12  # added to the normal equations, whose diagonal the priors keep at 0.1 or more: what nothing tells stays zero [numerical]
 
 
@@ -80,7 +73,6 @@ class ForceProblem:
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
-    least_drop: float = GAUSSIAN_DROP  # sigma^2 a frame by which a local footprint must lower the cost at least
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -197,28 +189,8 @@ class ForceProblem:
             found.append(count)
         return found[0], found[1]
 
-    def best_footprint(self, physics: Physics) -> Footprint:
-        """Uniform, or a Gaussian footprint where that explains the motion clearly better."""
-        uniform = self.solve(physics, self.uniform_load).cost
-        needed = min(GAUSSIAN_GAIN * uniform, uniform - self.least_drop * self.known.sum())
-        low, high, length = self._extent
-
-        def cost(p: np.ndarray) -> float:
-            inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
-            return self.solve(physics, self.footprint_load(Footprint("gaussian", np.r_[p[:2], np.exp(p[2])]))).cost if inside else np.inf
-
-        start = min((np.r_[each.parameters[:2], np.log(each.parameters[2])] for each in self.local_footprints), key=cost)
-        if cost(start) > uniform - PROMISING * (uniform - needed):
-            return Footprint()
-        simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
-        ends = {"maxiter": FOOTPRINT_STEPS, "xatol": FOOTPRINT_EXACT * length, "fatol": FOOTPRINT_EXACT}
-        found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
-        if cost(found) > needed:
-            return Footprint()
-        return Footprint("gaussian", np.r_[found[:2], np.exp(found[2])])
-
     @property
-    def _extent(self) -> tuple[np.ndarray, np.ndarray, float]:
+    def extent(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Lowest and highest x and y of the body [m], and the longer side between them."""
         low, high = self.modal.nodes[:, :2].min(0), self.modal.nodes[:, :2].max(0)
         return low, high, float((high - low).max())
@@ -226,7 +198,7 @@ class ForceProblem:
     @property
     def local_footprints(self) -> list[Footprint]:
         """Gaussian ones all over the body, of several widths."""
-        low, high, length = self._extent
+        low, high, length = self.extent
         centres = [low + (high - low) * ((i + 0.5) / CENTRES[0], (j + 0.5) / CENTRES[1]) for i in range(CENTRES[0]) for j in range(CENTRES[1])]
         return [Footprint("gaussian", np.r_[centre, width * length]) for centre in centres for width in WIDTHS]
 

@@ -19,15 +19,13 @@ from .densities import DENSITY_CONTRAST
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import density_changes
+from .place import QUARTER, SLOWEST_HZ, before, probabilities
 from .stages import Fit
 from .uncertainty import Bend, excess_of
 
 ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that across, which is seen [chosen]
 ALIKE_FRAMES = 2.0  # standard deviation of the correlation of a force over frames [chosen]
 MISSED_PERIODS = 0.1  # the same of what a frame misses, over the leading period: a quarter of one then counts once [derived: sqrt(2 pi) of it]
-SLOWEST_HZ = 1e-3  # that counts as a swing [numerical]
-QUARTER = 0.25  # of a leading period: frames that miss the same [chosen]
-EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
 UNLIKELY = 1e-4  # probability of a place below which it is left out [numerical]
 DRAWS = 200  # pairs of opposite draws, of the largest force [numerical]
 FARTHEST = 0.3  # of ln E, or of the unit of another unknown, that a step of a difference may change [numerical]
@@ -203,20 +201,13 @@ class _Doubt:
     def by_place(self) -> tuple[np.ndarray, np.ndarray]:
         """The net force (m, 3 F) under the footprints that the motion leaves possible, and how probable it makes each, (m,)."""
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
-        places, before = [Footprint(), *local], np.r_[EVEN, np.full(len(local), (1 - EVEN) / len(local))]
+        places = [Footprint(), *local]
         found = [self.whole.solve(self.fit.physics, self.whole.footprint_load(place)) for place in places]
         # a cost by which the log likelihood falls by half: what is missed over what a frame may miss, in frames that miss the same
         unit = max(QUARTER * self.leading_frames, 1.0) * max(self.solution.cost / self.whole.known.sum(), ((self.told_m or 0.0) / self.whole.sigma_m) ** 2, 1.0)
-        weight = probabilities(np.array([each.cost for each in found]), before, unit)
+        weight = probabilities(np.array([each.cost for each in found]), before(len(places)), unit)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
-
-
-def probabilities(costs: np.ndarray, before: np.ndarray, unit: float) -> np.ndarray:
-    """Of explanations with costs (n,), whose log likelihood falls by half for a `unit` of them, and probabilities before, (n,)."""
-    logs = np.log(before) - 0.5 * (costs - costs.min()) / unit
-    weight = np.exp(logs - logs.max())
-    return np.asarray(weight / weight.sum())
 
 
 def _alike(frames: np.ndarray, width: float) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Sup
 from .evidence import Evidence
 from .force import AXES, ForceProblem, nothing
 from .free_tail import Physics, Tail
+from .place import best_footprint
 
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
@@ -192,7 +193,7 @@ def _tail_again(fit: Fit) -> Fit:
 
 
 def _footprint(fit: Fit) -> Fit:
-    return replace(fit, footprint=fit.whole.best_footprint(fit.physics))
+    return replace(fit, footprint=best_footprint(fit.whole, fit.physics))
 
 
 def _refine(fit: Fit) -> Fit:

@@ -27,6 +27,7 @@ from ..vibration.forced_frames import Support, find_support
 from .evidence import Evidence
 from .force import ForceProblem
 from .free_tail import DETUNED, RATIO_SD, Physics, Tail, physical
+from .place import best_footprint
 from .stages import SETTLED, Fit
 from .uncertainty import outline_sd
 from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of
@@ -89,7 +90,7 @@ def zone_values(
     if any(edges):
         fit = replace(fit, support=support.grown(*edges))
         physics, modal = fit.settled(physics, fit.tail_misfit)
-    footprint = fit.whole(modal).best_footprint(physics)
+    footprint = best_footprint(fit.whole(modal), physics)
     physics, modal = fit.settled(physics, lambda modal: fit.whole_misfit(modal, footprint))
     misfit = fit.whole_misfit(modal, footprint)
     excess = misfit.excess(physics)

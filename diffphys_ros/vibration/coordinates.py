@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,7 +20,7 @@ OVER_NOISE = 1.5  # times the common noise that it must have as well [chosen]
 NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order [chosen]
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates [chosen]
 NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [numerical]
-WILD = 6.0  # misfits of single track positions beyond this many times the median are left out [chosen]
+WILD = 6.0  # times the median misfit: single track positions that far off, and off what their neighbours share, are left out [chosen]
 SEPARABLE = 0.045  # of the strongest combination of coordinates and products: with a weaker one a point's frames do not tell them apart [chosen]
 COHERENT_SHARE = 0.5  # of the track noise that is common to all points [chosen: a tenth in docs/measurements/front_end.md]
 
@@ -50,6 +51,13 @@ class Motion:
     def size_m(self) -> float:
         """Root mean square of the motion [m]."""
         return float(np.sqrt((self.coordinates[self.known] ** 2).sum(1).mean()))
+
+    @cached_property
+    def first_order(self) -> np.ndarray:
+        """The displacement without products of the coordinates [m], (T, M, 3); a track that was lost follows the coordinates, and its neighbours beyond them."""
+        _, left = shapes_of(self.coordinates, self.displacement, self.valid)
+        beyond = _from_neighbours(_likeness(self.points, self.across), left, self.valid & self.known[:, None])
+        return np.einsum("tk,mck->tmc", self.coordinates, self.shapes) + beyond
 
     def seen_basis(self, modal: ModalModel) -> np.ndarray:
         """Modal basis at the points as it is observed, (M, 3, r)."""
@@ -90,13 +98,13 @@ class Projection:
 
     @classmethod
     def of_tracks(cls, motion: Motion, modal: ModalModel) -> Projection:
-        """Of the tracks themselves on the span of the modal shapes, for tracks whose motion is of first order: more than the leading coordinates
-        tells where on the body a force acts."""
+        """Of all that the tracks show at first order, on the span of the modal shapes: where on the body a force acts is told by more than
+        the leading coordinates."""
         count = np.sqrt(len(motion.points))
         basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
         frame, _ = np.linalg.qr(basis)
-        filled = _from_neighbours(_likeness(motion.points, motion.across), motion.displacement, motion.valid & motion.known[:, None])
-        return cls(filled.reshape(len(filled), -1) / count @ frame, frame.T @ basis)
+        moved = motion.first_order
+        return cls(moved.reshape(len(moved), -1) / count @ frame, frame.T @ basis)
 
 
 def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
@@ -107,14 +115,27 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     across = seen_across(body, tracks, camera)
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
-    q, known = leading(_likeness(points[0], across), displacement, tracks.valid, tracks.noise_m)
-    shapes, misfit = shapes_of(q, displacement, tracks.valid)
-    calm = tracks.valid & (misfit <= WILD * np.median(misfit[tracks.valid]))
+    places = _likeness(points[0], across)
+    q, known = leading(places, displacement, tracks.valid, tracks.noise_m)
+    _, left = shapes_of(q, displacement, tracks.valid)
+    calm = tracks.valid & ~_wild(places, left, tracks.valid)
     kept = calm[known].mean(0) > LEAST_SEEN
     shapes, _ = shapes_of(q, displacement[:, kept], calm[:, kept])
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
     kept_across = None if across is None else across[kept]
     return Motion(points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+
+
+def _wild(places: np.ndarray, left: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Positions of tracks (T, M) that went wrong, by what coordinates leave of them (T, M, 3) [m]: what those beside them are off by as well is motion."""
+    size = np.linalg.norm(left, axis=2)
+    bound = WILD * np.median(size[valid])
+    wild = valid & (size > bound)
+    near = cKDTree(places).query(places, k=min(NEIGHBOURS + 1, len(places)))[1].reshape(len(places), -1)[:, 1:]
+    for t, m in np.argwhere(wild):
+        beside = left[t, near[m][valid[t, near[m]]]]
+        wild[t, m] = not len(beside) or np.linalg.norm(left[t, m] - np.median(beside, axis=0)) > bound
+    return wild
 
 
 def leading(places: np.ndarray, displacement: np.ndarray, valid: np.ndarray, noise_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -202,12 +223,12 @@ def _first_order(principal: np.ndarray, *, floor: float) -> list[int]:
 
 def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First-order shapes (M, 3, n) of all points, by least squares on the q's and their products over the valid frames,
-    and the lengths of what is left [m], (T, M)."""
+    and what is left of the displacement [m], (T, M, 3)."""
     size = np.maximum(np.abs(q).max(0), 1e-300)
     terms = np.column_stack([q / size, _products(q / size)])
     fits = np.stack([_fitted(terms[v], displacement[v, m], q.shape[1]) for m, v in enumerate(valid.T)])
-    misfit = np.linalg.norm(displacement - np.einsum("tk,mkc->tmc", terms, fits), axis=2)
-    return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), misfit
+    left = displacement - np.einsum("tk,mkc->tmc", terms, fits)
+    return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), left
 
 
 def _fitted(terms: np.ndarray, moved: np.ndarray, first: int) -> np.ndarray:

@@ -13,7 +13,8 @@ from diffphys_ros.modes import ModalModel
 from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.force import ForceProblem
 from diffphys_ros.start.free_tail import Physics
-from diffphys_ros.start.net_force import NetForceDoubt, largest, net_force_doubt, probabilities
+from diffphys_ros.start.net_force import NetForceDoubt, largest, net_force_doubt
+from diffphys_ros.start.place import best_footprint, probabilities
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
 from diffphys_ros.vibration.coordinates import observe
@@ -71,7 +72,7 @@ def trials(body: Body, modal: ModalModel) -> list[tuple[NetForceDoubt, np.ndarra
     whole, found = at(modal, body, np.zeros((FRAMES, modal.modes))).whole, []
     for seed in range(DRAWS):
         fit, true = drawn(modal, body, whole, seed)
-        doubt = net_force_doubt(replace(fit, footprint=fit.whole.best_footprint(PHYSICS)), np.full(2, 0.01))
+        doubt = net_force_doubt(replace(fit, footprint=best_footprint(fit.whole, PHYSICS)), np.full(2, 0.01))
         found.append((doubt, true[doubt.frames]))
     return found
 

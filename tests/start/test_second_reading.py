@@ -11,12 +11,8 @@ from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.modes import interpolation
 from diffphys_ros.modes.model import ModalModel
-from diffphys_ros.start.evidence import Evidence
-from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.second_reading import read_again
 from diffphys_ros.types import Body, MaterialDoubt, StartValues, Tracks
-from diffphys_ros.vibration.coordinates import observe
-from diffphys_ros.vibration.forced_frames import Support
 from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, camera, gust, modes_of, settings, tracks
 
 PUSHED = Footprint("gaussian", np.array([0.12, 0.02, 0.035]))  # above the clamp, off the axis
@@ -77,9 +73,6 @@ def test_a_push_at_the_tip_is_told_from_a_wind_by_what_remains_at_first_order(bo
     pushed = TIP_PUSH * gust()
     seen = seen_under(modal, AT_TIP, pushed)
     begun = started(body, modal, Footprint(), gust())
-    by_modes = Evidence(body, seen, observe(body, seen, camera()), PERIOD_S, settings(at_rest=True))
-    support = Support(begun.forced, True, begun.observed_hz, begun.decay_per_s, 0.0)
-    assert by_modes.whole(modal, support).best_footprint(Physics(YOUNG, begun.damping, np.zeros(0))).family == "uniform"
     again = read_again(body, seen, PERIOD_S, settings(at_rest=True), begun, modal, camera=camera(), refined=True)
     assert again is not None
     true = net_force(modal, replace(begun, footprint=AT_TIP, force=pushed))

@@ -1,0 +1,63 @@
+"""Where on the body a force acts: on all of it or about a place, by how probable the motion makes each."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..footprints import Footprint
+from .force import ForceProblem
+from .free_tail import Physics
+
+EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
+QUARTER = 0.25  # of a leading period: frames that miss the same [chosen]
+SLOWEST_HZ = 1e-3  # that counts as a swing [numerical]
+NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, over the body's length: half of the least that is tried; hardly to be told from uniform [derived]
+FIRST_MOVES = (0.06, 0.06, 0.25)  # of the search: centre, over the body's length, and log width; less than the starts lie apart [numerical]
+FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends, of the length and of the cost [numerical]
+
+
+def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
+    """Uniform where that is the more probable, else the Gaussian footprint that explains the motion best."""
+    places = [Footprint(), *problem.local_footprints]
+    costs = np.array([_cost(problem, physics, each) for each in places])
+    if probabilities(costs, before(len(places)), _unit(problem, physics, costs.min()))[0] > 0.5:
+        return Footprint()
+    return _nearby(problem, physics, places[1 + int(costs[1:].argmin())])
+
+
+def before(places: int) -> np.ndarray:
+    """Probabilities of a uniform force and of local ones before the motion is looked at, (places,)."""
+    return np.r_[EVEN, np.full(places - 1, (1 - EVEN) / (places - 1))]
+
+
+def probabilities(costs: np.ndarray, before: np.ndarray, unit: float) -> np.ndarray:
+    """Of explanations with costs (n,), whose log likelihood falls by half for a `unit` of them, and probabilities before, (n,)."""
+    logs = np.log(before) - 0.5 * (costs - costs.min()) / unit
+    weight = np.exp(logs - logs.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _unit(problem: ForceProblem, physics: Physics, least: float) -> float:
+    """What counts once: frames that miss the same, and what the best explanation misses of a frame."""
+    leading_hz = max(float(problem.modal.frequencies(physics.young)[0]), SLOWEST_HZ)
+    return max(QUARTER / (leading_hz * problem.period_s), 1.0) * max(least / problem.known.sum(), 1.0)
+
+
+def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+    return problem.solve(physics, problem.footprint_load(footprint)).cost
+
+
+def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:
+    """The best Gaussian footprint in the neighbourhood of one."""
+    low, high, length = problem.extent
+
+    def cost(p: np.ndarray) -> float:
+        inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
+        return _cost(problem, physics, Footprint("gaussian", np.r_[p[:2], np.exp(p[2])])) if inside else np.inf
+
+    start = np.r_[begun.parameters[:2], np.log(begun.parameters[2])]
+    simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
+    ends = {"maxiter": FOOTPRINT_STEPS, "xatol": FOOTPRINT_EXACT * length, "fatol": FOOTPRINT_EXACT}
+    found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
+    return Footprint("gaussian", np.r_[found[:2], np.exp(found[2])])
