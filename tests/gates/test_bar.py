@@ -7,7 +7,7 @@ import pytest
 
 from .conftest import ROUGH, Answer, Recover
 
-YOUNG, RATIO = 0.012, 0.004  # of log10 E, and of the ratio of both
+YOUNG, RATIO = 0.0135, 0.004  # of log10 E, and of the ratio of both
 TRAJECTORY = 0.042  # the linear motion of the start values is .045 off
 COSINE, FALSE_FORCE = 0.995, 0.025
 

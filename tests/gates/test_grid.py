@@ -8,7 +8,7 @@ import numpy as np
 from .conftest import ROUGH, Recover
 
 TOO_COARSE = ("--experiment.cells", "2", "--experiment.per_cell", "1")
-YOUNG = 0.012  # of log10 E
+YOUNG = 0.0135  # of log10 E
 OFF = 0.04  # of log10 E, by which the grid is off at least
 
 
