@@ -152,7 +152,7 @@ def test_recover_writes_everything_and_the_solver_goes_on_from_a_prepared_clip(h
     simulate_both_ways(tmp_path, capfd)
     assert main(["score", str(tmp_path / "whole"), "--truth", str(sample_folder() / "truth.npz")]) == 0
     metrics = json.loads((tmp_path / "whole" / "metrics.json").read_text())
-    assert max(abs(e) for e in metrics["young_log10_error"]) < 0.06
+    assert max(abs(e) for e in metrics["young_log10_error"]) < 0.07  # of elements so coarse
     assert metrics["net_force_cosine"] > 0.95
     assert {"psnr_masked", "psnr_masked_frozen_frame", "ssim_masked"} <= set(metrics)
 

@@ -119,7 +119,7 @@ def test_gaussians_of_frame_0_are_of_no_use_to_a_body_that_is_that_of_another_fr
 
     def solved(prepared: Prepared, splats: str, *_: object, **__: object) -> Iterator[SimpleNamespace]:
         used.append(splats)
-        return SimpleNamespace(frames=None)
+        return SimpleNamespace(frames=None, metrics={})
         yield
 
     def returning(value: object) -> Callable[..., Iterator[None]]:
