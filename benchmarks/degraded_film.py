@@ -73,7 +73,12 @@ def held(frames: Frames, fps: float) -> tuple[Frames, float]:
 def flickering(frames: Frames, fps: float) -> tuple[Frames, float]:
     """Under a lamp on the mains."""
     light = 1 + FLICKER * np.sin(2 * np.pi * FLICKER_HZ * np.arange(len(frames)) / fps)
-    return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)]), fps
+    return _lit(frames, light), fps
+
+
+def _lit(frames: Frames, light: np.ndarray) -> Frames:
+    """Each frame under its own light (T,)."""
+    return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)])
 
 
 def by_hand(frames: Frames, fps: float) -> tuple[Frames, float]:
@@ -85,8 +90,7 @@ def by_hand(frames: Frames, fps: float) -> tuple[Frames, float]:
 
 def drifting(frames: Frames, fps: float) -> tuple[Frames, float]:
     """With an exposure that follows something else."""
-    light = 1 + DRIFT * np.linspace(0, 1, len(frames))
-    return np.stack([_levels(one * frame) for one, frame in zip(light, frames, strict=True)]), fps
+    return _lit(frames, 1 + DRIFT * np.linspace(0, 1, len(frames))), fps
 
 
 def scaled(by: float) -> Worse:
