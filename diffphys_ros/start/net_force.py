@@ -19,7 +19,7 @@ from .densities import DENSITY_CONTRAST
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import density_changes
-from .place import QUARTER, SLOWEST_HZ, before, probabilities
+from .place import QUARTER, before, counts_once, leading_frames, probabilities
 from .stages import Fit
 from .uncertainty import Bend, excess_of
 
@@ -113,8 +113,7 @@ class _Doubt:
     @cached_property
     def leading_frames(self) -> float:
         """Frames of a leading period."""
-        leading_hz = max(float(self.whole.modal.frequencies(self.fit.physics.young)[0]), SLOWEST_HZ)
-        return 1 / (leading_hz * self.whole.period_s)
+        return leading_frames(self.whole, self.fit.physics)
 
     def _net(self, solution: Solution, footprint: Footprint) -> np.ndarray:
         return solution.force[self.whole.allowed].ravel() * self.whole.footprint_volume(footprint)
@@ -203,9 +202,8 @@ class _Doubt:
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve(self.fit.physics, self.whole.footprint_load(place)) for place in places]
-        # a cost by which the log likelihood falls by half: what is missed over what a frame may miss, in frames that miss the same
-        unit = max(QUARTER * self.leading_frames, 1.0) * max(self.solution.cost / self.whole.known.sum(), ((self.told_m or 0.0) / self.whole.sigma_m) ** 2, 1.0)
-        weight = probabilities(np.array([each.cost for each in found]), before(len(places)), unit)
+        missed = max(self.solution.cost / self.whole.known.sum(), ((self.told_m or 0.0) / self.whole.sigma_m) ** 2)
+        weight = probabilities(np.array([each.cost for each in found]), before(len(places)), counts_once(self.whole, self.fit.physics, missed))
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
 

@@ -22,7 +22,7 @@ def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
     """Uniform where that is not improbable, else the Gaussian footprint that explains the motion best."""
     places = [Footprint(), *problem.local_footprints]
     costs = np.array([_cost(problem, physics, each) for each in places])
-    if probabilities(costs, before(len(places)), _unit(problem, physics, costs.min()))[0] > WIND:
+    if probabilities(costs, before(len(places)), counts_once(problem, physics, costs.min() / problem.known.sum()))[0] > WIND:
         return Footprint()
     return _nearby(problem, physics, places[1 + int(costs[1:].argmin())])
 
@@ -39,10 +39,14 @@ def probabilities(costs: np.ndarray, before: np.ndarray, unit: float) -> np.ndar
     return np.asarray(weight / weight.sum())
 
 
-def _unit(problem: ForceProblem, physics: Physics, least: float) -> float:
-    """What counts once: frames that miss the same, and what the best explanation misses of a frame."""
-    leading_hz = max(float(problem.modal.frequencies(physics.young)[0]), SLOWEST_HZ)
-    return max(QUARTER / (leading_hz * problem.period_s), 1.0) * max(least / problem.known.sum(), 1.0)
+def leading_frames(problem: ForceProblem, physics: Physics) -> float:
+    """Frames of a leading period."""
+    return 1 / (max(float(problem.modal.frequencies(physics.young)[0]), SLOWEST_HZ) * problem.period_s)
+
+
+def counts_once(problem: ForceProblem, physics: Physics, missed: float) -> float:
+    """A cost by which the log likelihood falls by half: what the best explanation misses of a frame, over sigma^2, in frames that miss the same."""
+    return max(QUARTER * leading_frames(problem, physics), 1.0) * max(missed, 1.0)
 
 
 def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
