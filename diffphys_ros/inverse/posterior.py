@@ -91,7 +91,9 @@ def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> C
     if fault:
         return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd), start.young_lower)
     found = f"simulated within {1e3 * explained.rms_m:.2f} mm of {1e3 * explained.size_m:.2f} mm, where linear modes miss {100 * start.track_cost**0.5:.0f} % of the motion"
-    reasons = tuple(f"{found}." if s <= WIDEST_SD else f"log10 E is known to +-{s:.2f} only; {found}." for s in sd)
+    parts = prepared.body.sources.get("parts", "")
+    hidden = (f"; {parts}" if parts and g > WIDEST_SD else "" for g in start.geometry_sd)
+    reasons = tuple(f"{found}." if s <= WIDEST_SD else f"log10 E is known to +-{s:.2f} only; {found}{more}." for s, more in zip(sd, hidden, strict=True))
     return Confidence(sd, sd <= WIDEST_SD, reasons, start.young_lower)
 
 

@@ -106,7 +106,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         parted_by = parted_by_stiffness(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera)
         if parted_by is not None:
             body, start, modal = parted_by.body, parted_by.start, parted_by.modal
-            yield Progress("modes", text=f"{body.parts} parts {body.sources['parts']}")
+            yield Progress("modes", text=f"{body.parts} part(s), {body.sources['parts']}")
     if seen is not None:
         start = with_hanging(start, seen.hanging)
         hanging = replace(seen.hanging, swing=swing_of(seen.whole, seen, start))

@@ -20,14 +20,17 @@ from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Evidence
-from .free_tail import DETUNED, Physics, Tail
+from .free_tail import DETUNED, RATIO_SD, Physics, Tail
 from .second_reading import support_of
 from .uncertainty import OPEN_SD, Bend
 from .values import start_values, widened
 from .zone_layout import Division, path_length
 
 # errors of the model are the same in all frames, so that frames do not count one by one: the misfit itself must fall
-LEAST_FALL = 0.8  # of the misfit by a border, over what is left: up to .56 on bodies of one material, 1.1 and more with a border that was found [docs/limits.md]
+LEAST_FALL = 0.8  # of the misfit by a border, over what is left: up to .6 on 58 of 60 bodies of one material, .8 and more with a border that was found [docs/limits.md]
+DOUBTFUL_FALL = 0.3  # of the same, from which on one is not ruled out either: up to .24 on 53 of 60 bodies of one material; .4 to .7 on six with a border that was not found [docs/limits.md]
+MOST_LEFT = 2.0  # of a frame's misfit over what it may be, with such a border: up to 1.7 on those six; what misses more for other reasons is no sign of one [docs/limits.md]
+RUNS_OFF = 1.0  # standard deviation of log10 E beyond a border, from which on it is the mass there that shows, not a stiffness: up to .6 with 22 borders, 1.4 and 2.0 with two that lay far off [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
 MOST_LOG_SD = OPEN_SD * np.log(10.0)  # of ln E where a fit runs off [derived]
@@ -41,6 +44,21 @@ class Parted:
     body: Body
     start: StartValues
     modal: ModalModel
+
+    def doubted(self, sd: np.ndarray, places: str, hidden: str) -> Parted:
+        """With what is left open of log10 E, (n,), by the `places` of borders that were found and by one that was not, for which `hidden` speaks, in words; empty: none."""
+        may = f"stiffness may change where nothing can be seen: {hidden}; segment.max_parts 1 says that it is of one material"
+        found = (
+            "stiffness changes where nothing can be seen, and the free motion does not tell well where",
+            "a border of this part was found by stiffness",
+            f"by stiffness, for they look alike: one modulus does not explain the free motion; border {places}",
+        )
+        said = [found] * bool(places) + [(may, may, may)] * bool(hidden)  # why a part is not known, what is said of one that is, where the parts come from
+        why, known, source = ("; ".join(each) for each in zip(*said, strict=True))
+        start = widened(self.start, sd, why)
+        lost = self.start.identified & ~start.identified
+        reasons = tuple(r if gone else f"{r.removesuffix('.')}; {known}." for gone, r in zip(lost, start.reasons, strict=True))
+        return replace(self, body=replace(self.body, sources=self.body.sources | {"parts": source}), start=replace(start, reasons=reasons))
 
 
 @dataclass(frozen=True)
@@ -140,7 +158,13 @@ class Zones:
         """The fits with every cut, and without."""
         uncut = self.fitted()
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
-        return Scan(self.volume, uncut, tried)
+        return Scan(self.volume, uncut, tried, self._share(uncut))
+
+    def _share(self, uncut: Tried) -> np.ndarray:
+        """Of each zone of the elastic energy of the mode that holds most of the motion, (K,)."""
+        leading = self.tail(uncut.cut.label).leading_mode(uncut.physics.young)
+        energy = self.modal.eigen_changes(uncut.physics.young[uncut.cut.label])[1][:, leading]
+        return np.asarray(energy / energy.sum())
 
     def divide(self, border: Border) -> Body:
         """The body with the border between two of its parts."""
@@ -181,6 +205,7 @@ class Scan:
     volume: np.ndarray  # of each zone [m^3], (K,)
     uncut: Tried
     tried: list[Tried]
+    share: np.ndarray  # of each zone of what the leading mode strains, (K,)
 
     @property
     def best(self) -> Tried:
@@ -191,6 +216,14 @@ class Scan:
     def fall(self) -> float:
         """By how much a border lowers the misfit, over what is left, or over what is expected where that is more."""
         return (self.uncut.chi2 - self.best.chi2) / max(self.best.chi2, self.uncut.frames)
+
+    def doubt(self, start: StartValues) -> str:
+        """What speaks for one more border than those of start values, in words; empty where nothing does."""
+        if not self.tried:
+            return ""
+        if self.fall >= DOUBTFUL_FALL and self.best.chi2 < MOST_LEFT**2 * self.uncut.frames:
+            return f"one more border would lower the misfit of the free motion by {self.fall:.0%} of what is left"
+        return "the motion tells nothing of it beyond the border that was found" if (start.log10_young_sd[1:] > RUNS_OFF).any() else ""
 
     def border(self) -> Border:
         """The best cut, moved to the least of the parabola through its own misfit and those of its neighbours inwards and outwards."""
@@ -211,6 +244,16 @@ class Scan:
         change = np.log(sides[side].physics.young / best.physics.young) / away[side] if sides else np.zeros(len(best.physics.young))
         return Border(best.cut, best.cut.place + shift, sd, np.abs(change) * sd)
 
+    def hidden_variance(self) -> np.ndarray:
+        """Variance of ln E of a place in each part (n,), by a border anywhere, of the usual contrast, that leaves the leading frequency as it is."""
+        beyond = np.array([each.cut.label == each.cut.divided + 1 for each in self.tried], float)
+        return self._in_parts(RATIO_SD**2 * ((beyond - (beyond @ self.share)[:, None]) ** 2).mean(0))
+
+    def _in_parts(self, square: np.ndarray) -> np.ndarray:
+        """Means over each part, (n,), of what zones have, (K,)."""
+        parts = self.uncut.cut.label
+        return np.bincount(parts, self.volume * square) / np.bincount(parts, self.volume)
+
     def further_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
         parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
@@ -218,15 +261,15 @@ class Scan:
         weight = np.array([np.exp((self.uncut.chi2 - each.chi2) / (2 * scale)) for each in self.tried]) / max(len(self.tried), 1)
         squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + each.variance[each.cut.label] for each in self.tried]
         square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts)) / (1.0 + weight.sum())
-        return np.bincount(parts, self.volume * square) / np.bincount(parts, self.volume)
+        return self._in_parts(square)
 
 
 def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera | None = None) -> Parted | None:
-    """The body with the borders that its free motion asks for, one after the other; None where it asks for none.
+    """The body with the borders that its free motion asks for, one after the other, or as it is and less sure where one more may hide; None where neither is so.
 
     Args: as for start_values, whose results start and modal are.
     """
-    variance, found = np.zeros(body.parts), Parted(body, start, modal)
+    variance, found, hidden = np.zeros(body.parts), Parted(body, start, modal), ""
     words: list[str] = []
     while found.start.has_free_tail:
         evidence = Evidence(found.body, tracks, observe(found.body, tracks, camera), period_s, settings)
@@ -236,6 +279,8 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         scan = zones.scan()
         if scan.fall < LEAST_FALL or found.body.parts == settings.segment.max_parts:
             variance = variance + (scan.further_variance() if words else 0.0)
+            hidden = scan.doubt(found.start)
+            variance = variance + (scan.hidden_variance() if hidden else 0.0)
             break
         if not words and settings.scene.density_kg_m3 is None:
             zones = replace(zones, weighed=True)
@@ -245,22 +290,11 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         variance = np.insert(variance, border.cut.divided + 1, variance[border.cut.divided]) + border.log_young_sd**2
         words.append(f"at {100 * border.place:.0f} +- {100 * border.place_sd:.0f} % of the way from the clamp")
         found = Parted(divided, *start_values(divided, tracks, period_s, settings, camera=camera))
-    if not words:
-        return None
-    source = f"by stiffness, for they look alike: one modulus does not explain the free motion; border {' and '.join(words)}"
-    body = replace(found.body, sources=found.body.sources | {"parts": source})
-    return replace(found, body=body, start=_doubted(found.start, np.sqrt(variance) / np.log(10.0)))
+    return found.doubted(np.sqrt(variance) / np.log(10.0), " and ".join(words), hidden) if words or hidden else None
 
 
 def _explained(evidence: Evidence, found: Parted) -> bool:
-    """Whether no border could lower the misfit by as much as is needed."""
+    """Whether no border could lower the misfit by as much as raises a doubt."""
     tail = evidence.tail(found.modal, support_of(found.start))
     missed = tail.missed_m(Physics(found.start.young, found.start.damping, np.zeros(0)))
-    return bool((missed / tail.sigma_m) ** 2 < LEAST_FALL)
-
-
-def _doubted(start: StartValues, sd: np.ndarray) -> StartValues:
-    """With what the border's place, and borders that were not found, leave open of log10 E, (n,)."""
-    found = widened(start, sd, "stiffness changes where nothing can be seen, and the free motion does not tell well where")
-    lost = start.identified & ~found.identified
-    return replace(found, reasons=tuple(r if gone else f"{r.removesuffix('.')}; a border of this part was found by stiffness." for gone, r in zip(lost, found.reasons, strict=True)))
+    return bool((missed / tail.sigma_m) ** 2 < DOUBTFUL_FALL)

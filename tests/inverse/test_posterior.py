@@ -42,6 +42,16 @@ def test_a_simulated_stiffness_is_as_much_less_sure_as_its_own_grid_is_off(prepa
     np.testing.assert_allclose(said(prepared, grid_log10_sd=0.03, simulated=False).log10_young_sd, start)
 
 
+def test_a_border_that_may_hide_makes_a_simulated_stiffness_as_unsure_where_the_modes_miss_the_motion(prepared):
+    start = replace(prepared.start, modes_hold=False, has_free_tail=True, geometry_sd=np.array([0.27, 0.0]))
+    body = replace(prepared.body, sources=prepared.body.sources | {"parts": "stiffness may change where nothing can be seen"})
+    found = said(replace(prepared, start=start, body=body))
+    assert found.log10_young_sd[0] > 0.27
+    assert not found.identified[0]
+    assert "stiffness may change where nothing can be seen" in found.reasons[0]
+    assert "stiffness may change" not in found.reasons[1]
+
+
 def test_a_misfit_within_the_noise_is_forgiven_however_small_the_motion(prepared):
     noisy = replace(prepared, tracks=replace(prepared.tracks, noise_m=5e-4))
     assert said(noisy, missed_m=0.2 * SIZE_M).force_identified

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -55,6 +56,18 @@ def test_a_bar_of_one_material_stays_one_part():
     assert found((), (STIFF,)) is None
 
 
+@pytest.mark.slow
+def test_a_border_that_is_neither_drawn_nor_ruled_out_leaves_one_part_whose_modulus_is_as_unsure_as_such_a_border_makes_it():
+    parted = found((BORDER,), (STIFF, 6.5e5))
+    assert parted is not None
+    assert parted.body.parts == 1
+    assert parted.start.log10_young_sd == pytest.approx(0.275, abs=0.02)
+    assert parted.start.geometry_sd == pytest.approx(0.275, abs=0.02)
+    assert not parted.start.identified.any()
+    assert "one more border would lower the misfit" in parted.start.reasons[0]
+    assert "one more border would lower the misfit" in parted.body.sources["parts"]
+
+
 def tee() -> Division:
     """Two zones of a stem, 0 and 1, and an arm, 2 and 3, of the same part; a zone of another part, 4, at the stem's end."""
     return Division(np.zeros((1, 1), np.uint8), np.array([1, 1, 1, 1, 2]), np.array([0.1, 0.3, 0.4, 0.6, 0.7]), np.array([[0, 1], [1, 2], [2, 3], [1, 4]]))
@@ -65,14 +78,14 @@ def test_a_cut_divides_one_part_and_leaves_the_others_whole():
     assert labels == {(0, 1, 1, 1, 2), (0, 0, 1, 1, 2), (0, 0, 0, 1, 2)}
 
 
-def scan(chi2: float, ratio: float) -> Scan:
+def scan(chi2: float, ratio: float, frames: int = 40) -> Scan:
     """A bar of two zones with one cut, whose outer modulus is so many times the inner one."""
     division = Division(np.zeros((1, 1), np.uint8), np.ones(2, int), np.array([0.25, 0.75]), np.array([[0, 1]]))
     cut = next(cuts_of(division))
     still = np.zeros(0)
-    uncut = Tried(Cut(np.zeros(2, int), 0, 0, 0.0), 100.0, Physics(np.array([1e5]), Damping(0.0, 0.0), still), np.zeros(1), 40)
-    tried = Tried(cut, chi2, Physics(1e5 * np.array([1.0, ratio]), Damping(0.0, 0.0), still), np.zeros(2), 40)
-    return Scan(np.ones(2), uncut, [tried])
+    uncut = Tried(Cut(np.zeros(2, int), 0, 0, 0.0), 100.0, Physics(np.array([1e5]), Damping(0.0, 0.0), still), np.zeros(1), frames)
+    tried = Tried(cut, chi2, Physics(1e5 * np.array([1.0, ratio]), Damping(0.0, 0.0), still), np.zeros(2), frames)
+    return Scan(np.ones(2), uncut, [tried], np.array([0.9, 0.1]))
 
 
 def test_a_border_that_the_misfit_does_not_ask_for_makes_the_modulus_less_sure_the_likelier_it_is():
@@ -80,6 +93,19 @@ def test_a_border_that_the_misfit_does_not_ask_for_makes_the_modulus_less_sure_t
     assert same == pytest.approx(0.5 * 0.5 * np.log(3.0) ** 2)  # as likely as none, in half of the volume
     assert likelier > same
     assert refused < 0.1 * same
+
+
+def test_a_border_is_not_ruled_out_where_it_explains_the_motion_by_much_better_or_where_nothing_is_told_beyond_another():
+    sure, open_beyond = (SimpleNamespace(log10_young_sd=np.array(sd)) for sd in ([0.1, 0.3], [0.1, 1.4]))
+    assert "by 43% of what is left" in scan(70.0, 3.0).doubt(sure)
+    assert not scan(80.0, 3.0).doubt(sure)
+    assert not scan(70.0, 3.0, frames=10).doubt(sure)  # the border leaves more than such frames may miss
+    assert "beyond the border that was found" in scan(80.0, 3.0).doubt(open_beyond)
+
+
+def test_a_border_that_may_hide_moves_the_outer_zone_by_its_contrast_less_what_the_frequency_takes_back():
+    contrast = 0.5 * np.log(10.0)
+    assert scan(90.0, 3.0).hidden_variance()[0] == pytest.approx(contrast**2 * (0.1**2 + 0.9**2) / 2)
 
 
 def test_a_misfit_below_what_is_expected_counts_as_no_fall():
