@@ -21,12 +21,15 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a hundred processes of the te
 TESTS = Path(__file__).parent
 SLOW = ("capture", "gates", "inverse", "nodes", "predict", "resimulate")  # folders of whole recoveries, whole captures and nodes: left out of `make check`
 QUICK = "not slow and not faults"  # the marks of `make check`
+FAULTS, MARKED = "faults", "pytest.mark.faults"  # the marks of `make faults`, and what a file of such tests says
 LONGEST_NAME = 200  # letters of a parameter
 SLOW_TIMEOUT_S = 600.0  # their waits end well before
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Folders of which every test would be left out are not even read: what they import takes seconds in every process."""
+    """Folders and files of which every test would be left out are not even read: what they import takes seconds in every process."""
+    if config.option.markexpr == FAULTS and collection_path.suffix == ".py":
+        return True if MARKED not in collection_path.read_text(encoding="utf-8") else None
     inside = collection_path.is_relative_to(TESTS) and collection_path.relative_to(TESTS).parts[:1]
     return True if inside and inside[0] in SLOW and config.option.markexpr == QUICK else None
 
