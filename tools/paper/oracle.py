@@ -9,6 +9,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import torch
+from scipy.ndimage import map_coordinates
 
 from diffphys_ros.config import Settings
 from diffphys_ros.depth import placed, surface_depth
@@ -65,9 +66,8 @@ def _flow(first: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def _at(flow: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """A flow (H, W, 2) at pixels (G, 2), bilinear."""
-    u, v = pixels.astype(np.float32).T
-    rows = [cv2.remap(flow[..., c], u[:, None], v[:, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0] for c in (0, 1)]
-    return np.stack(rows, -1)
+    u, v = pixels.T
+    return np.stack([map_coordinates(flow[..., c], [v, u], order=1, mode="nearest") for c in (0, 1)], -1)
 
 
 def _driven(steps: Generator[object, None, T]) -> T:
