@@ -15,7 +15,7 @@ from .bodies import block, full, simulator
 
 BATCH, FRAMES, PERIOD_S = 3, 4, 1 / 60
 OPTIONS = {"substeps": 30, "period_s": PERIOD_S, "gravity": (0.2, 0.0, -9.81)}
-BORDERS = {"planes": [Plane((0, 0, 1), -0.005, friction=0.2)], "handle": Handle((-1, -1, -1), (0.005, 1, 1))}
+BORDERS = {"planes": [Plane((0, 0, 1), -0.005, friction=0.2), Plane((-1, 0, 0), -0.085)], "handle": Handle((-1, -1, -1), (0.005, 1, 1))}
 
 
 def body():

@@ -20,7 +20,7 @@ def make(size: tuple[int, int, int] | None, grid: Grid) -> ForceLattice:
 
 
 def sim_of(**options: object):
-    return simulator(block(**BODY), substeps=20, period_s=PERIOD_S, **options)
+    return simulator(block(**BODY), substeps=20, period_s=PERIOD_S, anchored=True, **options)
 
 
 def after(sim, force: torch.Tensor):

@@ -28,7 +28,7 @@ def basin(
     kind: str,
     young: float = 1e5,
     density: float = 1000.0,
-    dtype: torch.dtype = torch.float32,
+    dtype: torch.dtype = torch.float64,
     batch: int | None = None,
     **parameters: float | torch.Tensor,
 ) -> Simulator:
