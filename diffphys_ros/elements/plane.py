@@ -30,7 +30,6 @@ MOST_HALVINGS = 8  # of a step that would turn an element inside out [numerical]
 SPECTRAL_RADIUS = 0.5  # of the fastest motions from step to step (Chung and Hulbert 1993): they die, the leading mode's decay changes by less than .1 % [Chung and Hulbert 1993]
 _CORNER = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])  # of the rule that is exact for quadratics, each with a third of the area
 EDGES = ((0, 1), (1, 2), (2, 0))
-PAIRS = ((0, 0), (1, 1), (0, 1))  # of axes, for a symmetric tensor
 
 
 class DivergedError(ArithmeticError):
@@ -46,6 +45,25 @@ def _shapes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     by_r = np.stack([1 - 4 * t, 4 * r - 1, nought, 4 * (t - r), 4 * s, -4 * s], 1)
     by_s = np.stack([1 - 4 * t, nought, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)], 1)
     return value, np.stack([by_r, by_s], 1)
+
+
+def _det(a: np.ndarray) -> np.ndarray:
+    """Determinants of 2 x 2 matrices (..., 2, 2)."""
+    return a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
+
+
+def _metric(strained: np.ndarray, area_ratio: np.ndarray) -> np.ndarray:
+    """The inverse of C = F^T F: xx, yy, xy (..., 3)."""
+    first, second = strained[..., 0], strained[..., 1]  # columns of F
+    inverse = np.stack([(second**2).sum(-1), (first**2).sum(-1), -(first * second).sum(-1)], -1)
+    return np.asarray(inverse / area_ratio[..., None] ** 2)
+
+
+def _crossed(m: np.ndarray) -> np.ndarray:
+    """m_ik m_jl + m_il m_jk (..., 3, 3) of a symmetric tensor (..., 3), both pairs of axes xx, yy, xy."""
+    out = 2 * m[..., [[0, 2, 0], [2, 1, 1], [0, 1, 0]]] * m[..., [[0, 2, 2], [2, 1, 2], [2, 2, 1]]]
+    out[..., 2, 2] = m[..., 0] * m[..., 1] + m[..., 2] ** 2
+    return np.asarray(out)
 
 
 def _drag(speed: np.ndarray, per_s: float, per_m: float) -> np.ndarray:
@@ -151,10 +169,12 @@ class FlatSolid:
 
     def _strained(self, u: np.ndarray) -> np.ndarray:
         """Deformation gradients (E, Q, 2, 2)."""
-        return np.eye(2) + np.einsum("eni,eqdn->eqid", u.reshape(-1, 2)[self.triangles], self._slopes[0])
+        slope = self._slopes[0]
+        turned = slope.reshape(len(slope), -1, 6) @ u.reshape(-1, 2)[self.triangles]
+        return np.eye(2) + np.swapaxes(turned.reshape(*slope.shape[:3], 2), -1, -2)
 
     def _upright(self, u: np.ndarray) -> bool:
-        return bool((np.linalg.det(self._strained(u)) > 0).all())
+        return bool((_det(self._strained(u)) > 0).all())
 
     def inner(self, u: np.ndarray) -> tuple[np.ndarray, sp.csc_matrix]:
         """Elastic forces (2 N,) and their tangent for E / density = 1 m^2/s^2. Raises DivergedError."""
@@ -162,34 +182,35 @@ class FlatSolid:
         return forces, self._matrix(local)
 
     def _inner(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, the tangent element by element, (E, 6, 2, 6, 2)."""
+        """The same, the tangent element by element, (E, 6, 2, 6, 2). Tensors are written out by components, for speed: arrays are small."""
         slope, area = self._slopes
-        own = self._places[0]
+        own, elements = self._places[0], len(area)
         strained = self._strained(u)
-        area_ratio = np.linalg.det(strained)
+        area_ratio = _det(strained)
         if not (area_ratio > 0).all():
             raise DivergedError("an element is turned inside out")
         mu, beta = 0.5 / (1 + self.poisson), self.poisson / (1 - self.poisson)
-        metric = np.linalg.inv(np.swapaxes(strained, -1, -2) @ strained)
-        pressure = mu * area_ratio ** (-2 * beta)
-        energy = 0.5 * mu * ((strained**2).sum((-2, -1)) - 2 + (area_ratio ** (-2 * beta) - 1) / beta)
+        crushed = area_ratio ** (-2 * beta)
+        energy = 0.5 * mu * ((strained**2).sum((-2, -1)) - 2 + (crushed - 1) / beta)
         strain = np.sqrt(2 * np.maximum(energy, LEAST_ENERGY))
         left = 1 / (1 + self.softens * strain)
-        first, second = np.array(PAIRS).T
-        stress = left[..., None, None] * (mu * np.eye(2) - pressure[..., None, None] * metric)
-        single, inverse = stress[..., first, second], metric[..., first, second]  # (E, Q, 3)
-        crossed = metric[..., first[:, None], first] * metric[..., second[:, None], second] + metric[..., first[:, None], second] * metric[..., second[:, None], first]
-        law = (pressure * left)[..., None, None] * (2 * beta * inverse[..., :, None] * inverse[..., None, :] + crossed)
-        law -= (self.softens / strain)[..., None, None] * single[..., :, None] * single[..., None, :]
-        by_node = np.swapaxes(slope, -1, -2)[..., None, :]  # (E, Q, n, 1, axis)
-        turned = strained[..., None, :, :]  # (E, Q, 1, i, axis)
-        sheared = turned[..., first] * by_node[..., second] + turned[..., second] * by_node[..., first]
-        by_node = np.where(first == second, 0.5, 1.0) * sheared  # how displacements change the strains, sheared ones twice
-        rows = by_node.reshape(*area.shape, 12, 3)
-        weighted = area[..., None, None] * rows
-        forces = (weighted @ single[..., None]).sum(1)[..., 0]
-        local = (weighted @ law @ np.swapaxes(rows, -1, -2)).sum(1).reshape(-1, 6, 2, 6, 2)
-        along = (np.swapaxes(slope, -1, -2) @ (area[..., None, None] * stress) @ slope).sum(1)
+        metric = _metric(strained, area_ratio)  # (E, Q, 3): xx, yy, xy, as what follows
+        pressure = mu * crushed * left
+        stress = mu * left[..., None] * np.array([1.0, 1.0, 0.0]) - pressure[..., None] * metric
+        law = pressure[..., None, None] * (2 * beta * metric[..., :, None] * metric[..., None, :] + _crossed(metric))
+        if self.softens:
+            law -= (self.softens / strain)[..., None, None] * stress[..., :, None] * stress[..., None, :]
+        by_node = slope[..., None]  # (E, Q, axis, n, 1)
+        turned = np.swapaxes(strained, -1, -2)[..., None, :]  # (E, Q, axis, 1, i)
+        rows = np.empty((*area.shape, 3, 6, 2))  # how displacements change the strains, sheared ones twice
+        np.multiply(turned, by_node, out=rows[:, :, :2])
+        np.add(turned[:, :, 0] * by_node[:, :, 1], turned[:, :, 1] * by_node[:, :, 0], out=rows[:, :, 2])
+        rows, weighted = rows.reshape(*area.shape, 3, 12), area[..., None] * stress
+        back = np.swapaxes(rows.reshape(elements, -1, 12), -1, -2)
+        forces = back @ weighted.reshape(elements, -1, 1)
+        local = (back @ (area[..., None, None] * law @ rows).reshape(elements, -1, 12)).reshape(-1, 6, 2, 6, 2)
+        pulled = weighted[..., [[0, 2], [2, 1]]] @ slope
+        along = np.swapaxes(slope.reshape(elements, -1, 6), -1, -2) @ pulled.reshape(elements, -1, 6)
         for axis in (0, 1):
             local[:, :, axis, :, axis] += along
         return np.bincount(own.ravel(), forces.ravel(), 2 * len(self.nodes)), local
