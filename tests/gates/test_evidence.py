@@ -8,6 +8,7 @@ from .test_strip import COSINE, YOUNG
 FALSE_FORCE = 0.1  # twice that of all evidence together
 TRACKS, DEPTH, IMAGES = "--experiment.track_weight", "--experiment.depth_weight", "--experiment.image_weight"
 NO_PICTURES = ("--experiment.splat_iterations", "5", "--experiment.max_splats", "100")
+FEW_PARTICLES = ("--experiment.per_cell", "1.5")  # a third; pictures and depth need more to draw the strip with
 FEW_GAUSSIANS = ("--experiment.splat_iterations", "100", "--experiment.max_splats", "60")  # so large that each must turn with the strip
 FEWER_GAUSSIANS = ("--experiment.splat_iterations", "100", "--experiment.max_splats", "40")  # with 60 that do not turn a search still gets there
 POINTS, SURFACE, PICTURE = 0.06, 0.12, 0.15  # bounds of the trajectory's error by tracks, depth and colours alone
@@ -22,7 +23,7 @@ def check(answer: Answer, trajectory: float) -> None:
 
 
 def test_tracks_alone_recover_the_strip(recovered: Recover) -> None:
-    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "4", *NO_PICTURES), POINTS)
+    check(recovered("strip", IMAGES, "0", DEPTH, "0", "--fit.iterations", "6", *NO_PICTURES, *FEW_PARTICLES), POINTS)
 
 
 def test_depth_alone_recovers_the_strip(recovered: Recover) -> None:
