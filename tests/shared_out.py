@@ -9,8 +9,8 @@ from xdist.scheduler import LoadFileScheduling
 CAPTURE, GATES, CLIPS = "tests/capture/", "tests/gates/", ("bar", "strip", "flat")
 GRAPH = "tests/nodes/test_graph.py"
 OF_FIT_NODE = (GRAPH, "tests/nodes/test_fit_node.py")  # they compare with the same fit
-OF_CLIP = {"test_strip": "strip", "test_evidence": "strip", "test_damping": "flat"}  # by file; the others look at the bar
-LONGEST = (f"{GATES}strip", f"{GATES}bar", GRAPH, "tests/inverse/test_fields.py", "tests/start/test_values.py")
+OF_CLIP = {"test_strip": "strip", "test_evidence": "strip", "test_damping": "flat", "test_in_motion": "flat"}  # by file; the others look at the bar
+LONGEST = (f"{GATES}strip", f"{GATES}bar", GRAPH, f"{GATES}flat", CAPTURE, "tests/inverse/test_outlined.py", "tests/inverse/test_fields.py")
 
 
 def group_of(node: str) -> str:

@@ -14,8 +14,9 @@ GATES = "tests/gates/test_"
 def test_gates_that_use_one_recovery_go_to_one_worker() -> None:
     strip = {group_of(f"{GATES}{name}") for name in ("strip.py::a", "evidence.py::b", "force.py::c[strip]", "spread.py::d[strip]", "doubts.py::e[strip]")}
     bar = {group_of(f"{GATES}{name}") for name in ("bar.py::a", "grid.py::b", "checkpoint.py::c", "force.py::d[bar]", "spread.py::e[bar]", "doubts.py::f")}
-    assert len(strip) == len(bar) == 1
-    assert strip != bar
+    flat = {group_of(f"{GATES}{name}") for name in ("damping.py::a", "in_motion.py::b", "doubts.py::c[flat]")}
+    assert len(strip) == len(bar) == len(flat) == 1
+    assert len(strip | bar | flat) == 3
 
 
 def test_other_files_go_as_a_whole_and_the_longest_and_slow_ones_first() -> None:
