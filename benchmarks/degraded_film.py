@@ -16,6 +16,7 @@ BLUR_PX, NOISE = 2.0, 5.0  # standard deviation, and that of grey levels alike i
 LOST = 12  # every so-many-th frame is
 HELD, LEAVES = 24, 90  # frames that a finger holds the tip for, and in which it is drawn back
 FINGER = (70, 14)  # half axes [px]
+TREMOR_PX, TREMOR_HZ = 1.5, 0.8  # root mean square of a hand's motion either way, and the frequency from which on it falls with the square
 HAND_PX, HAND_HZ = np.array([2.0, 1.2]), np.array([0.9, 1.3])  # sideways and up, amplitude and frequency of the camera's motion
 DRIFT = 0.3  # by which the exposure has changed at the end
 FLICKER, FLICKER_HZ = 0.06, 100.0  # of the light, over the mean
@@ -83,9 +84,20 @@ def _lit(frames: Frames, light: np.ndarray) -> Frames:
 
 def by_hand(frames: Frames, fps: float) -> tuple[Frames, float]:
     """Of a camera that a hand holds, to shares of a pixel; what comes in at the border is what was last seen there."""
+    return _moved(frames, HAND_PX * np.sin(2 * np.pi * HAND_HZ * np.arange(len(frames))[:, None] / fps)), fps
+
+
+def by_trembling_hand(frames: Frames, fps: float) -> tuple[Frames, float]:
+    """The same of a hand whose motion has all frequencies."""
+    spectrum = np.fft.rfft(np.random.default_rng(len(frames)).normal(size=(len(frames), 2)), axis=0)
+    moved = np.fft.irfft(spectrum / (1 + (np.fft.rfftfreq(len(frames), 1 / fps)[:, None] / TREMOR_HZ) ** 2), len(frames), axis=0)
+    return _moved(frames, TREMOR_PX * moved / moved.std(0)), fps
+
+
+def _moved(frames: Frames, shift: np.ndarray) -> Frames:
+    """Each frame moved by so much (T, 2) [px]."""
     size = frames.shape[2:0:-1]
-    moved = HAND_PX * np.sin(2 * np.pi * HAND_HZ * np.arange(len(frames))[:, None] / fps)
-    return np.stack([cv2.warpAffine(frame, np.array([[1.0, 0, x], [0, 1.0, y]]), size, borderMode=cv2.BORDER_REPLICATE) for frame, (x, y) in zip(frames, moved, strict=True)]), fps
+    return np.stack([cv2.warpAffine(frame, np.array([[1.0, 0, x], [0, 1.0, y]]), size, borderMode=cv2.BORDER_REPLICATE) for frame, (x, y) in zip(frames, shift, strict=True)])
 
 
 def drifting(frames: Frames, fps: float) -> tuple[Frames, float]:
@@ -104,7 +116,7 @@ def seen(change: Callable[[Frames], np.ndarray]) -> Worse:
 
 
 WORSE: dict[str, Worse] = {
-    "blur": blurred, "noise": noisy, "rolling": rolling, "lost": with_lost, "held": held, "flicker": flickering, "hand": by_hand, "drift": drifting,
+    "blur": blurred, "noise": noisy, "rolling": rolling, "lost": with_lost, "held": held, "flicker": flickering, "hand": by_hand, "tremor": by_trembling_hand, "drift": drifting,
     "60fps": thinned(4), "30fps": thinned(8), "60fps-shutter": shuttered(4), "30fps-shutter": shuttered(8), "half": scaled(0.5), "double": scaled(2.0),
     "mirrored": seen(lambda f: f[:, :, ::-1]), "turned": seen(lambda f: np.rot90(f, -1, (1, 2))), "overhead": seen(lambda f: f[:, ::-1, ::-1]),
     "brighter": seen(lambda f: _levels(1.6 * f.astype(np.float32) + 25)), "gamma": seen(lambda f: _levels(255 * (f / np.float32(255)) ** 0.6)), "negative": seen(lambda f: 255 - f),

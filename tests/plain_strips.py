@@ -65,11 +65,12 @@ class Strip:
         across = np.stack([-tangent[:, 1], tangent[:, 0]], 1) / np.linalg.norm(tangent, axis=1, keepdims=True) * self.width_px / 2
         return np.concatenate([centre + across, (centre - across)[::-1]])
 
-    def clip(self) -> Clip:
-        """As a video without a told lens."""
+    def clip(self, shift_px: np.ndarray | float = 0.0) -> Clip:
+        """As a video without a told lens; `shift_px` (T, 2): of a camera that a hand holds."""
         dark, bright = self.grey
         noise = np.random.default_rng(0).normal(0, self.noise, (self.frames, *self.size)) if self.noise else np.zeros(self.frames)
-        shares = (covered(self.outline(sway), self.size) for sway in self.sway())
+        shift = np.broadcast_to(shift_px, (self.frames, 2))
+        shares = (covered(self.outline(sway) + by, self.size) for sway, by in zip(self.sway(), shift, strict=True))
         grey = np.stack([dark + (bright - dark) * share + n for share, n in zip(shares, noise, strict=True)])
         frames = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, -1)
         height, width = self.size

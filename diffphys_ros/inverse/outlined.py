@@ -19,9 +19,11 @@ from ..picture import along_border, extent_px, length_at_unit_depth
 from ..progress import Progress
 from ..start.values import widened
 from ..types import Body, Camera, Clip, Hanging, StartValues, Tracks, object_mask
+from .steadied import Steadied, steadied
 
 if TYPE_CHECKING:
     from ..depth import DepthSource
+    from ..outline import Sway
     from ..start.hang import Hung
     from ..tracks import CameraMotion
 
@@ -32,6 +34,7 @@ FURTHEST = 1.0  # of that length, where the search ends: half of the object is t
 INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
 SURELY = 2.0  # standard deviations by which the shape of a swing contradicts a clamp's line [chosen]
 EDGE_PX = 0.5  # of an end face [chosen]
+SCALE_POWER = 2.5  # of the scale, by which E of a beam of that length falls: 4 of its length less 2 of its width, more with its weight [derived]
 DEPTH_SD = 0.015  # of log10 E where the depth across the picture is not told: a thin sheet and a square bar differ by .01 to .03 [derived: half of the larger]
 
 
@@ -66,16 +69,20 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
             f"frames.predict is {settings.frames.predict}, must be 0 where the outline is followed: its calm frames are chosen among all; leave it out, the swing before them is predicted by itself"
         )
     first, end, count, periods = calm.rest, calm.end, len(whole), calm.periods
-    note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
     clip = whole.part(first, end)
-    clip = replace(clip, notes=(*clip.notes, note))
     settings, held_at = _with_clamp(clip, settings)
     _require_whole(clip, settings)
     clip = replace(clip, camera=_camera(clip.camera))
     hanging = Hanging(first, end, count, periods, 0.0, 0.0, 0.0, 0.0, settings.scene.size_m is not None, 0.0)
     yield Progress("tracks", text=f"too little texture for points: the outline is followed through frames {first}..{end - 1} of {count}, {periods:.1f} periods about rest")
-    clip, moved = _steady(clip, settings)
-    trials = _Trials(clip, settings)
+    steady = _steadied(clip, settings)
+    if steady.sway is not None and settings.scene.rest_frame is None and steady.sway.to_rest:  # the hand had made another frame seem nearest to rest
+        first = max(first + steady.sway.to_rest, 0)
+        steady = _steadied(replace(whole.part(first, end), camera=clip.camera), settings)
+        hanging = replace(hanging, rest_frame=first, periods=periods * (end - 1 - first) / (end - 1 - hanging.rest_frame))
+    note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
+    clip = replace(steady.clip, notes=(*steady.clip.notes, note))
+    trials = _Trials(clip, settings, steady.sway)
     places: list[float] = []
     misfits: list[Hung] = []
     for behind in trials.places(misfits):
@@ -83,16 +90,20 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
         misfits.append(trials.hung(behind))
         yield Progress("body", text=f"clamp {behind:.0f} px behind its line: shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
+    end_sd = 0.0
+    if steady.sway is not None:
+        swayed, *_ = trials.best(places, [replace(one, misfit=one.misfit_swayed) for one in misfits], drawn=not held_at)
+        sd, end_sd = math.hypot(sd, swayed - behind), steady.sway.along_sd_px
     z, tracks, body, settings = trials.at(behind)
     px_per_m = clip.camera.focal_px / z
-    log_sd = math.hypot(bend * sd, 0.0 if trials.depth_told else DEPTH_SD)
     length_px = trials.end_px + behind
-    hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * math.hypot(sd, EDGE_PX) / length_px, log10_young_sd=log_sd)
+    log_sd = math.hypot(bend * sd, 0.0 if trials.depth_told else DEPTH_SD, SCALE_POWER * math.log10(1 + end_sd / length_px))
+    hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * math.hypot(sd, EDGE_PX, end_sd) / length_px, log10_young_sd=log_sd)
     from ..depth import DepthSource
 
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging, held_at or "clamp_px"))
-    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, moved)
+    return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, steady.moved)
 
 
 def _camera(camera: Camera) -> Camera:
@@ -134,23 +145,20 @@ def _require_whole(clip: Clip, settings: Settings) -> None:
         raise InputError(f"{clip.source or 'clip'}: the object leaves the picture at its {edge} edge too, away from its clamp, so that its free end is not seen; film it whole")
 
 
-def _steady(clip: Clip, settings: Settings) -> tuple[Clip, CameraMotion | None]:
-    """The clip without the motion of the hand that holds the camera, and what of that was not taken off."""
+def _steadied(clip: Clip, settings: Settings) -> Steadied:
     from ..outline import follow_outline
-    from ..tracks import on_tripod
 
     depth0 = _Trials(clip, settings).depth(ASSUMED_DISTANCE_M)
-    held = on_tripod(clip, follow_outline(clip, depth0), lambda steady: follow_outline(steady, depth0))
-    return held.clip, held.moved
+    return steadied(clip, lambda seen: follow_outline(seen, depth0))
 
 
 class _Trials:
     """Bodies that hang from clamps at several places."""
 
-    def __init__(self, clip: Clip, settings: Settings):
+    def __init__(self, clip: Clip, settings: Settings, sway: Sway | None = None):
         from ..outline import end_of, rest_cover, rest_outline
 
-        self.clip, self.settings = clip, settings
+        self.clip, self.settings, self.sway = clip, settings, sway
         assert clip.labels is not None
         self.mask = object_mask(clip.labels[0])
         self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
@@ -215,8 +223,15 @@ class _Trials:
         """How well that body hangs."""
         from ..start.hang import hung
 
-        _, tracks, body, settings = self.at(behind)
-        return hung(body, tracks, self.clip.period_s, settings, camera=self.clip.camera)
+        z, tracks, body, settings = self.at(behind)
+        return hung(body, tracks, self.clip.period_s, settings, camera=self.clip.camera, swayed_m=self._with_swing(z))
+
+    def _with_swing(self, z: float) -> np.ndarray | None:
+        """What of the camera's motion may go with the swing, at distance z, (3,), world [m]."""
+        if self.sway is None:
+            return None
+        camera, shift = self.clip.camera, self.sway.as_swing_px * self.sway.direction
+        return np.asarray((camera.rays(shift) - camera.rays(0 * shift)) * z)
 
     def scale_words(self, hanging: Hanging) -> str:
         """What fixed the scale."""

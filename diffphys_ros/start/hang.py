@@ -3,7 +3,10 @@ frequency tells. Where the clamp lies outside the picture, the best of several p
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from ..config import Settings
 from ..errors import InputError
@@ -21,10 +24,12 @@ class Hung:
     young: float  # of its first part [Pa]
     misfit: float  # of the mode's shape: sum of squares over the points, of unit root mean square
     points: int
+    misfit_swayed: float = math.nan  # the same with what a camera may do together with the swing taken off the shape that is seen; NaN where it stands
 
 
-def hung(body: Body, tracks: Tracks, period_s: float, settings: Settings, *, camera: Camera) -> Hung:
-    """Of a body under the free swing of its tracks. Raises InputError where these are no free swing."""
+def hung(body: Body, tracks: Tracks, period_s: float, settings: Settings, *, camera: Camera, swayed_m: np.ndarray | None = None) -> Hung:
+    """Of a body under the free swing of its tracks. `swayed_m` (3,), world: what all points may seem to move by together with the swing, of unit root
+    mean square over time, though the body does not. Raises InputError where the tracks are no free swing."""
     from ..elements.assemble import Elements
 
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings)
@@ -37,5 +42,15 @@ def hung(body: Body, tracks: Tracks, period_s: float, settings: Settings, *, cam
     mode = fit.modal.eigen(young)[1][:, tail.leading_mode(young)]
     shape = evidence.motion.seen_basis(fit.modal) @ mode
     seen = evidence.motion.shapes[..., 0]
+    misfit = _misfit(seen, shape)
+    if swayed_m is None:
+        return Hung(float(young[0]), misfit, len(seen))
+    assert evidence.motion.across is not None
+    alike = evidence.motion.across @ (swayed_m @ body.world_from_body[:3, :3]) / evidence.motion.coordinates[:, 0].std()
+    return Hung(float(young[0]), misfit, len(seen), _misfit(seen - alike, shape))
+
+
+def _misfit(seen: np.ndarray, shape: np.ndarray) -> float:
+    """Sum of squares of what a shape (M, 3), at its best size, leaves of the one that is seen."""
     factor = (shape * seen).sum() / (shape**2).sum()
-    return Hung(float(young[0]), float(((seen - factor * shape) ** 2).sum()), len(seen))
+    return float(((seen - factor * shape) ** 2).sum())

@@ -3,6 +3,6 @@
 from .background import CameraMotion, camera_motion
 from .carried import carried
 from .follow import LostError, follow, follow_on
-from .tripod import OnTripod, on_tripod
+from .tripod import OnTripod, laid_over_first, on_tripod
 
-__all__ = ["CameraMotion", "LostError", "OnTripod", "camera_motion", "carried", "follow", "follow_on", "on_tripod"]
+__all__ = ["CameraMotion", "LostError", "OnTripod", "camera_motion", "carried", "follow", "follow_on", "laid_over_first", "on_tripod"]

@@ -44,7 +44,7 @@ def on_tripod(clip: Clip, tracks: Tracks, follow: Callable[[Clip], Tracks]) -> O
         return OnTripod(replace(clip, notes=(*clip.notes, why)), tracks, moved)
     shift, sd = np.linalg.norm(seen.shift_px(middle), axis=1), seen.sd_px(middle)
     note = f"the camera moves by up to {shift.max():.2g} px; its frames were laid over frame 0 by the background, each to {np.median(sd[1:]):.2g} px"
-    steady = replace(_laid_over_first(clip, seen.matrix), notes=(*clip.notes, note))
+    steady = replace(laid_over_first(clip, seen.matrix), notes=(*clip.notes, note))
     again = _less_sure(follow(steady), steady, sd)
     return OnTripod(steady, again, camera_motion(steady, again))
 
@@ -70,13 +70,13 @@ def _in_the_way(seen: Overlay, clip: Clip, middle: np.ndarray) -> str:
     return ""
 
 
-def _laid_over_first(clip: Clip, matrix: np.ndarray) -> Clip:
+def laid_over_first(clip: Clip, matrix: np.ndarray) -> Clip:
     """Frames, depth and labels read at `matrix` (T, 2, 3); what the camera did not see there is unknown."""
     assert clip.labels is not None
     frames, labels = clip.frames.copy(), clip.labels.copy()
     depth = None if clip.depth is None else clip.depth.copy()
     size = clip.frames.shape[2], clip.frames.shape[1]
-    for k in range(1, len(frames)):
+    for k in np.flatnonzero((matrix != np.eye(2, 3)).any((1, 2))):
         frames[k] = as_seen_first(clip.frames[k], matrix[k])
         labels[k] = cv2.warpAffine(clip.labels[k], matrix[k], size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=IGNORE)
         if depth is not None:
