@@ -25,8 +25,10 @@ def cluster() -> Iterator[str]:
     """Address of a cluster of two nodes of two cores."""
     from ray.cluster_utils import Cluster
 
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    made.add_node(num_cpus=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_worker_niceness", "0")  # its workers are nice by 15, and starve on a machine that is busy with other tests
+        made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        made.add_node(num_cpus=1)
     made.wait_for_nodes()
     yield made.address
     made.shutdown()
