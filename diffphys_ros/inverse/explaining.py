@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..config import Settings
-from ..errors import InputError
+from ..errors import InputError, SimulationError
 from ..progress import Progress, waiting
 from ..start.values import explained_badly
 from ..types import Recovery, Splats
@@ -66,7 +66,7 @@ def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, be
     yield Progress("fields", text="the motion is not explained: forces that act everywhere, frame by frame, carry the video")
     try:
         found = yield from _by_fields(prepared, explaining(settings), clock)
-    except InputError as error:
+    except (InputError, SimulationError) as error:
         yield Progress("fields", text=f"not carried by fields: {error}")
         return kept
     before, after = (float(each.metrics["psnr_masked"]) for each in (recovery, found[2]))  # type: ignore[arg-type]

@@ -25,6 +25,7 @@ MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: sof
 MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [1/s], [s] [chosen]
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)  # of E between parts, at which searches begin [numerical]
 WIDEST = np.log(1e3)  # of E about the start of a search [numerical]
+LEAST_YOUNG, MOST_YOUNG = 1.0, 1e13  # [Pa]; no gel is as soft and no solid as stiff: what nothing in the tail bounds goes no further [physical]
 UNLIKELY = 5.0  # standard deviations beyond which no density is looked for [numerical]
 MATCHES = 8  # rounds of scaling E to the frequency seen [numerical]
 SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings [numerical]
@@ -63,7 +64,8 @@ class Physics:
         log_young, free = np.log(self.young), np.full(len(self.detune), np.inf)
         most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
         density = np.full(0 if densities is None else len(self.young), UNLIKELY)
-        return np.r_[log_young - WIDEST, 0.0, 0.0, -density, -free], np.r_[log_young + WIDEST, most, density, free]
+        low, high = (np.clip(log_young + side * WIDEST, np.log(LEAST_YOUNG), np.log(MOST_YOUNG)) for side in (-1, 1))
+        return np.r_[low, 0.0, 0.0, -density, -free], np.r_[high, most, density, free]
 
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
@@ -103,10 +105,11 @@ class Tail:
         return float(np.sqrt((self.misfit(physics) ** 2).sum(1).mean())) if len(self.data) else 0.0
 
     def leading_mode(self, young: np.ndarray) -> int:
-        """The eigenmode at `young` whose shape holds most of the tail's motion."""
-        seen = self.seen.operator @ self.modal.eigen(young)[1]
+        """The eigenmode at `young` whose shape holds most of the tail's motion, of those that swing: a body that nothing holds drifts as well."""
+        omega2, shapes = self.modal.eigen(young)
+        seen = self.seen.operator @ shapes
         share = ((self.data @ seen) ** 2).sum(0) / np.maximum((seen**2).sum(0), 1e-300)
-        return int(share[: self.most_modes].argmax())
+        return int(np.where(omega2 > SLOWEST2, share, -1.0)[: self.most_modes].argmax())
 
     def matched(self, young: np.ndarray, observed_hz: float) -> np.ndarray:
         """`young` times the factor at which the leading mode swings at the observed frequency (and nothing buckles)."""
@@ -115,8 +118,8 @@ class Tail:
             if omega2[0] < 0:
                 young = 2.0 * young
                 continue
-            young = young * np.clip((2 * np.pi * observed_hz) ** 2 / max(omega2[self.leading_mode(young)], 1e-3), 0.1, 10.0)
-        return young
+            young = young * np.clip((2 * np.pi * observed_hz) ** 2 / max(omega2[self.leading_mode(young)], SLOWEST2), 0.1, 10.0)
+        return np.clip(young, LEAST_YOUNG, MOST_YOUNG)
 
     def misfit(self, physics: Physics) -> np.ndarray:
         """Observed minus modelled tail [m], (K, d), with the best amplitudes."""

@@ -183,8 +183,10 @@ def _later_tail(fit: Fit) -> Fit:
 
 def _edges(fit: Fit) -> Fit:
     """Forced frames that only the motion shows."""
-    edges = fit.whole.edges(fit.physics)
-    return replace(fit, support=fit.support.grown(*edges), grown=True) if any(edges) else fit
+    before, after = fit.whole.edges(fit.physics)
+    spare = int(fit.whole.known[fit.support.tail_start :].sum()) - LEAST_TAIL_FRAMES  # a tail must be left, whatever the wrong physics of a wrong outline finds
+    after = min(after, max(spare, 0))
+    return replace(fit, support=fit.support.grown(before, after), grown=True) if before or after else fit
 
 
 def _tail_again(fit: Fit) -> Fit:

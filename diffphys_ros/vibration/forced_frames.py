@@ -131,7 +131,8 @@ class Rows:
             return np.full(2, np.inf)
         source, rest = self.source[keep], (self.target - self.source @ matrix)[keep]
         noise = np.sqrt(np.maximum((rest**2).sum(0) / spare, floor**2))
-        spread = np.linalg.cholesky(np.linalg.pinv(source.T @ source, hermitian=True) + TINY * np.eye(unknowns))
+        told, turn = np.linalg.eigh(np.linalg.pinv(source.T @ source, hermitian=True))
+        spread = turn * np.sqrt(np.maximum(told, TINY))
         steps = [np.outer(direction, column) for direction in spread.T for column in np.diag(noise)]
         moved = np.array([[_leading(matrix + side * step, tail) for side in (-1, 1)] for step in steps])
         return np.sqrt(np.square(moved - _leading(matrix, tail)).mean(1).sum(0))

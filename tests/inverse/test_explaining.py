@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.config import build, layered
-from diffphys_ros.errors import InputError
+from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.inverse import explaining, prepare, solve
 from diffphys_ros.inverse.choice import STILL
 from diffphys_ros.inverse.clock import FIT_END, SLICED, Clock
@@ -153,16 +153,17 @@ def test_fields_are_sought_on_a_thin_sheet_of_the_same_clip(monkeypatch: pytest.
     assert len(splats.mean) <= 200
 
 
-def test_without_time_or_a_grid_the_answer_stays_and_the_first_says_so(filmed: Prepared, wrong: Recovery, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+@pytest.mark.parametrize("error", [InputError("no such grid"), SimulationError("frame 7: the material turned inside out")])
+def test_without_time_or_a_simulation_the_answer_stays_and_says_so(filmed: Prepared, wrong: Recovery, error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     behind = np.ones((120, 160, 3), np.uint8)
     *_, late, _ = drive(carried_by_fields(filmed, speckled(), wrong, behind, build({}), Clock(1e-9)))[1]
     assert "raise fit.time_budget_s" in late.notes[-1]
 
     def refused(*_):
         yield from ()
-        raise InputError("no such grid")
+        raise error
 
     monkeypatch.setattr(explaining, "_by_fields", refused)
     news, (*_, kept, _) = drive(carried_by_fields(filmed, speckled(), wrong, behind, build({}), Clock()))
     assert kept is wrong
-    assert "no such grid" in news[-1].text
+    assert str(error) in news[-1].text

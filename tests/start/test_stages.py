@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from diffphys_ros.config import Settings
+from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import joint_values, joint_wanted, start_values, values
+from diffphys_ros.start.force import ForceProblem
+from diffphys_ros.start.free_tail import LEAST_YOUNG, MOST_YOUNG, Physics, Tail
 from diffphys_ros.start.stages import Fit, Stage, active, run
 from diffphys_ros.types import Body, StartValues, Tracks
-from diffphys_ros.vibration.forced_frames import Support
+from diffphys_ros.vibration.forced_frames import LEAST_TAIL_FRAMES, Support
 from tests.made_bar import FORCED, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
 
 AT_REST = settings(at_rest=True)
@@ -107,3 +110,29 @@ def test_a_second_gust_that_was_read_as_free_motion_is_found_where_the_modes_do_
     assert found.forced[FORCED.start + second : FORCED.stop + second].all()
     assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
     assert found.identified.all()
+
+
+@pytest.mark.slow
+def test_a_tail_is_left_however_many_frames_a_wrong_physics_finds_forced(body, truth, monkeypatch) -> None:
+    seen = tracks(truth, motion(truth, YOUNG, gust()))
+    monkeypatch.setattr(ForceProblem, "edges", lambda *_: (0, 1000))
+    found = start_values(body, seen, PERIOD_S, AT_REST)[0]
+    assert (~found.forced).sum() >= LEAST_TAIL_FRAMES
+
+
+def test_no_search_goes_beyond_what_a_solid_can_be() -> None:
+    stiff, soft = (Physics(np.array([young]), Damping(0.0, 0.0), np.zeros(0)) for young in (5e12, 20.0))
+    assert np.exp(stiff.bounds()[1][0]) == pytest.approx(MOST_YOUNG)
+    assert np.exp(soft.bounds()[0][0]) == pytest.approx(LEAST_YOUNG)
+    low, high = stiff.bounds()
+    assert low[0] < high[0]
+
+
+def test_a_drift_that_nothing_holds_is_no_leading_oscillation() -> None:
+    """All of the motion but a tenth is a shift; scaling the modulus until a shift swings would go on for ever."""
+    modal = SimpleNamespace(eigen=lambda young: (np.array([1e-9, young[0]]), np.eye(2)))
+    data = np.column_stack([np.full(30, 0.9), 0.1 * np.cos(np.arange(30))])
+    seen = SimpleNamespace(data=data, operator=np.eye(2))
+    tail = Tail(modal, seen, 0, PERIOD_S, np.ones(30, bool), False, 1e-4, 2)  # type: ignore[arg-type]
+    assert tail.leading_mode(np.array([1e5])) == 1
+    np.testing.assert_allclose(tail.matched(np.array([1e5]), 2.0), (4 * np.pi) ** 2)

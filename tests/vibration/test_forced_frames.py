@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.modes.response import Step, convolve
-from diffphys_ros.vibration.forced_frames import find_support
+from diffphys_ros.vibration.forced_frames import Rows, find_support
 
 PERIOD_S, FRAMES = 1 / 30, 60
 HZ, DECAY = np.array([1.9, 2.8]), np.array([0.1, 0.25])
@@ -144,3 +144,12 @@ def test_a_frame_that_was_seen_wrongly_is_no_force():
     support = find_support(q, KNOWN, PERIOD_S, at_rest=True, noise_m=6e-5)
     assert support.has_free_tail
     assert np.flatnonzero(support.forced)[-1] <= 9
+
+
+def test_coordinates_that_are_sums_of_others_leave_the_frequency_a_finite_deviation() -> None:
+    """The inverse of their normal matrix has eigenvalues that rounding puts below zero."""
+    clock = PERIOD_S * np.arange(60)
+    wave = 1e-7 * np.exp(-clock)[:, None] * np.column_stack([np.cos(12 * clock), np.sin(12 * clock)])
+    rows = Rows.of(wave @ np.random.default_rng(0).standard_normal((2, 9)), np.ones(60, bool), at_rest=True)
+    keep = np.ones(len(rows.target), bool)
+    assert np.isfinite(rows.leading_sd(keep, rows.fit(keep), wave @ np.eye(2, 9), 1e-9)).all()
