@@ -84,6 +84,13 @@ def test_a_part_that_is_not_identified_scores_none(tmp_path: Path, truth: Arrays
     assert found["young_ratio_error"] is None
 
 
+def test_a_part_of_which_a_few_points_carry_a_neighbours_modulus_is_not_identified(tmp_path: Path, truth: Arrays) -> None:
+    outer = np.flatnonzero(truth["vertex_part"] == 1)
+    young = np.where(truth["vertex_part"] == 1, np.nan, truth["vertex_E"])
+    young[outer[:4]] = 1e6
+    assert scored(tmp_path, truth, exact(truth) | {"young": young})["young_log10_error"][1] is None
+
+
 def stated(truth: Arrays) -> Arrays:
     """An exact recovery that states what it knows: the outer part's modulus is a bound alone, its density is assumed too high."""
     outer = truth["vertex_part"] == 1
