@@ -42,7 +42,7 @@ def _stands_still(carried: CarriedGaussians, x: np.ndarray, shown: np.ndarray, c
     """Bool (G,)."""
     place = torch.as_tensor(x, dtype=torch.float32, device=carried.mean.device)
     began = clip.camera.project(carried.mean.cpu().numpy().astype(float))[0]
-    own = _colours(_soft(clip.frames[0]), began)
+    own = values_at(_soft(clip.frames[0]), began)
     moving, standing, weights = (np.zeros(len(own)) for _ in range(3))
     for k in np.flatnonzero(clip.seen)[1:]:
         with torch.no_grad():
@@ -51,7 +51,7 @@ def _stands_still(carried: CarriedGaussians, x: np.ndarray, shown: np.ndarray, c
         wrong = np.square(_soft(shown[k]) - seen).mean(-1) * known
         weight = np.minimum(np.linalg.norm(there - began, axis=1) / MOVED_PX, 1) ** 2
         for error, at in ((moving, there), (standing, began)):
-            error += weight * np.minimum(np.square(_colours(seen, at) - own).mean(-1), _read(wrong, at))
+            error += weight * np.minimum(np.square(values_at(seen, at) - own).mean(-1), _read(wrong, at))
         weights += weight
     return (weights > TOLD) & (moving > WRONG**2 * weights) & (moving > TIMES * standing)
 
@@ -61,9 +61,9 @@ def _soft(picture: np.ndarray) -> np.ndarray:
     return gaussian_filter(picture.astype(np.float32), (BLUR_PX, BLUR_PX, 0))
 
 
-def _colours(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Of a picture (H, W, 3) at pixels (G, 2), (G, 3)."""
-    return np.stack([_read(picture[..., channel], pixels) for channel in range(3)], -1)
+def values_at(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Of a picture (H, W, C) at pixels (G, 2), bilinear, beyond the border those on it, (G, C)."""
+    return np.stack([_read(picture[..., channel], pixels) for channel in range(picture.shape[-1])], -1)
 
 
 def _read(values: np.ndarray, pixels: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def calm_part(labels: np.ndarray, period_s: float, *, rest_frame: int | None = N
     swing = _leading(centre) / extent
     if np.sqrt((swing**2).mean()) < LEAST_MOTION:
         raise InputError(f"{source}: the object's outline moves by less than {100 * LEAST_MOTION:g} % of its size, needs more to tell a stiffness; film a swing")
-    period = 1 / (_strongest(swing[len(swing) // 2 :]))  # frames
+    period = 1 / (strongest(swing[len(swing) // 2 :]))  # frames
     needed = int(np.ceil(LEAST_PERIODS * period))
     if rest_frame is not None:
         return _told(rest_frame, len(swing), period, needed, source)
@@ -59,7 +59,7 @@ def begins_in_motion(labels: np.ndarray) -> bool:
     if len(swing) <= SPEED_FRAMES or amplitude < LEAST_MOTION:
         return False
     speed = (swing[SPEED_FRAMES] - swing[0]) / SPEED_FRAMES
-    return bool(np.hypot(swing[0] - middle, speed / (2 * np.pi * _strongest(later))) > IN_MOTION * amplitude)
+    return bool(np.hypot(swing[0] - middle, speed / (2 * np.pi * strongest(later))) > IN_MOTION * amplitude)
 
 
 def _told(rest: int, frames: int, period: float, needed: int, source: str) -> Calm:
@@ -90,10 +90,10 @@ def _leading(centre: np.ndarray) -> np.ndarray:
     return moved @ np.linalg.svd(moved, full_matrices=False)[2][0]
 
 
-def _strongest(swing: np.ndarray) -> float:
-    """Frequency [1/frame] of the strongest oscillation, at least one in all."""
-    power = np.abs(np.fft.rfft((swing - swing.mean()) * np.hanning(len(swing)), PADDING * len(swing)))
-    frequency = np.fft.rfftfreq(PADDING * len(swing))
+def strongest(swing: np.ndarray, padding: int = PADDING) -> float:
+    """Frequency [1/frame] of the strongest oscillation, at least one in all, of a spectrum padded so many times."""
+    power = np.abs(np.fft.rfft((swing - swing.mean()) * np.hanning(len(swing)), padding * len(swing)))
+    frequency = np.fft.rfftfreq(padding * len(swing))
     return float(frequency[np.where(frequency < 1 / len(swing), 0.0, power).argmax()])
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..types import Clip, Tracks, object_mask
 from .edges import grey_of, outline_of
+from .reference import strongest
 
 ACROSS = 0.7  # cosine between a point's normal and the direction across the object, or along it, from which on it shows a motion that way [chosen]
 LEAST_POINTS = 12  # on sides [chosen]
@@ -44,7 +45,6 @@ class Sway:
     shift_px: np.ndarray  # of each frame, (T, 2); nought is where the slow part puts frame 0. Across and along the object, each where it is large enough to be one
     size_px: float  # how far its part that is slower than the swing comes from where it is in frame 0; 0 where there is none
     sd_px: float  # of a frame's shift across
-    swing_px: np.ndarray  # what points of the sides move by beyond it, root mean square over them, (T,)
     direction: np.ndarray  # across the object, (2,)
     to_rest: int  # how many frames after frame 0, or before it, the object is nearest to rest: a hand hides that from what labels show
     along_sd_px: float  # standard deviation of a shift along the object, where no end face tells it; else 0
@@ -83,8 +83,8 @@ def sway_of(clip: Clip, tracks: Tracks) -> Sway | None:
     weight = np.ones(len(clip))
     for _ in range(SETTLING):
         mean, q = _mean_and_swing(sides.moved, weight)
-        hz = _strongest(q * weight, clip.period_s)
-        across = _alike(mean, q, hz * clip.period_s, weight, fast=FAST)
+        frequency = strongest(q * weight, PADDING)
+        across = _alike(mean, q, frequency, weight, fast=FAST)
         off = np.abs(across.shift - across.smooth)
         right = (off <= WRONG * max(1.4826 * float(np.median(off[weight > 0])), WRONG_PX)).astype(float)
         if (right == weight).all():
@@ -95,16 +95,15 @@ def sway_of(clip: Clip, tracks: Tracks) -> Sway | None:
     end = _end(clip, sides, axis)
     if end is not None:
         seen = np.isfinite(end)
-        along = _alike(np.where(seen, end, 0.0), q, hz * clip.period_s, weight * seen, fast=FAST_ALONG)
+        along = _alike(np.where(seen, end, 0.0), q, frequency, weight * seen, fast=FAST_ALONG)
         lengthways, slow = along.over_first(max(LEAST_ALONG_PX, OF_FORESHORTENED * float(np.ptp(along.swing[seen]))))
         moved = np.hypot(moved, slow)
     return Sway(
         shift_px=sideways[:, None] * sides.direction + lengthways[:, None] * axis,
         size_px=float(np.abs(moved).max()),
         sd_px=float((across.shift - across.smooth)[weight > 0].std()),
-        swing_px=q,
         direction=sides.direction,
-        to_rest=_to_rest(q, 1 / (hz * clip.period_s)),
+        to_rest=_to_rest(q, 1 / frequency),
         along_sd_px=0.0 if end is not None else float(sideways.std()),
         as_swing_px=float((across.smooth - across.slow).std()),
     )
@@ -185,13 +184,6 @@ def _smoother(frequency: float, weight: np.ndarray) -> np.ndarray:
     rough = np.diff(np.eye(len(weight)), ORDER, axis=0)
     penalty = (2 * np.sin(np.pi * min(frequency, 0.5))) ** (-2 * ORDER)
     return np.linalg.solve(np.diag(weight) + penalty * rough.T @ rough, np.diag(weight))
-
-
-def _strongest(swing: np.ndarray, period_s: float) -> float:
-    """Frequency [Hz] of the strongest oscillation."""
-    power = np.abs(np.fft.rfft((swing - swing.mean()) * np.hanning(len(swing)), PADDING * len(swing)))
-    frequency = np.fft.rfftfreq(PADDING * len(swing), period_s)
-    return float(frequency[np.where(frequency < 1 / (len(swing) * period_s), 0.0, power).argmax()])
 
 
 def _filled(moved: np.ndarray) -> np.ndarray:

@@ -21,10 +21,13 @@ def score_young(truth: Arrays, nearest: np.ndarray, recovery: Arrays) -> dict[st
     off, part = ~truth["interface"][nearest], truth["vertex_part"][nearest]
     true = [float(e) for e in truth["part_E"]]
 
-    def medians(values: np.ndarray, among: np.ndarray) -> list[float | None]:
-        return [_median(values[among & (part == k)]) for k in range(len(true))]
+    def medians(values: np.ndarray) -> list[float | None]:
+        return [_median(values[off & (part == k)]) for k in range(len(true))]
 
-    log_young = medians(np.log10(young), off)
+    def stated(name: str) -> list[float | None]:
+        return medians(np.where(np.isfinite(young), recovery[name], np.nan))
+
+    log_young = medians(np.log10(young))
     error = _less(log_young, np.log10(true))
     ratios = [abs(a - b) for a, b in combinations([e for e in error if e is not None], 2)]
     figures: dict[str, object] = {
@@ -34,13 +37,13 @@ def score_young(truth: Arrays, nearest: np.ndarray, recovery: Arrays) -> dict[st
         "young_true_pa": true,
     }
     if "log10_young_sd" in recovery:
-        figures["young_log10_sd"] = medians(np.where(np.isfinite(young), recovery["log10_young_sd"], np.nan), off)
+        figures["young_log10_sd"] = stated("log10_young_sd")
     if "young_lower" in recovery:
-        figures["young_lower_log10"] = _less(medians(np.log10(recovery["young_lower"]), off), np.log10(true))
+        figures["young_lower_log10"] = _less(medians(np.log10(recovery["young_lower"])), np.log10(true))
     if "density" in recovery and "log10_specific_sd" in recovery and "part_rho" in truth:
-        specific = medians(np.log10(young / recovery["density"]), off)
+        specific = medians(np.log10(young / recovery["density"]))
         figures["specific_log10_error"] = _less(specific, np.log10(true / truth["part_rho"]))
-        figures["specific_log10_sd"] = medians(np.where(np.isfinite(young), recovery["log10_specific_sd"], np.nan), off)
+        figures["specific_log10_sd"] = stated("log10_specific_sd")
     return figures
 
 

@@ -61,10 +61,11 @@ class Physics:
 
     def bounds(self, densities: Densities | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of a search from here."""
-        log_young, free = np.log(self.young), np.full(len(self.detune), np.inf)
+        least, stiffest, free = np.log(LEAST_YOUNG), np.log(MOST_YOUNG), np.full(len(self.detune), np.inf)
+        log_young = np.clip(np.log(self.young), least, stiffest)
         most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
         density = np.full(0 if densities is None else len(self.young), UNLIKELY)
-        low, high = (np.clip(log_young + side * WIDEST, np.log(LEAST_YOUNG), np.log(MOST_YOUNG)) for side in (-1, 1))
+        low, high = np.maximum(log_young - WIDEST, least), np.minimum(log_young + WIDEST, stiffest)
         return np.r_[low, 0.0, 0.0, -density, -free], np.r_[high, most, density, free]
 
 

@@ -25,7 +25,6 @@ FASTEST = 0.45  # of the frame rate: faster oscillations are not resolved by the
 GLITCH_ROWS = 3  # equations that one wrong frame spoils [derived]
 VAGUEST = 0.15  # standard deviation of log10 E, twice that of the log frequency, from which a tail tells no stiffness [chosen]
 LARGEST_GROWTH, SURELY = 0.25, 3.0  # of the log amplitude over a free tail; and standard deviations of it [chosen]
-TINY = 1e-30  # keeps the root of a singular covariance real [numerical]
 WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail [chosen]
 
 
@@ -132,7 +131,7 @@ class Rows:
         source, rest = self.source[keep], (self.target - self.source @ matrix)[keep]
         noise = np.sqrt(np.maximum((rest**2).sum(0) / spare, floor**2))
         told, turn = np.linalg.eigh(np.linalg.pinv(source.T @ source, hermitian=True))
-        spread = turn * np.sqrt(np.maximum(told, TINY))
+        spread = turn * np.sqrt(np.maximum(told, 0.0))
         steps = [np.outer(direction, column) for direction in spread.T for column in np.diag(noise)]
         moved = np.array([[_leading(matrix + side * step, tail) for side in (-1, 1)] for step in steps])
         return np.sqrt(np.square(moved - _leading(matrix, tail)).mean(1).sum(0))

@@ -9,13 +9,13 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import torch
-from scipy.ndimage import map_coordinates
 
 from diffphys_ros.config import Settings
 from diffphys_ros.depth import placed, surface_depth
 from diffphys_ros.devices import usable
 from diffphys_ros.inverse import fit_gaussians, label
 from diffphys_ros.inverse.evidence.pixels import static_background
+from diffphys_ros.inverse.left_behind import values_at
 from diffphys_ros.render import Rasterizer
 from diffphys_ros.types import Clip, Splats
 
@@ -42,7 +42,7 @@ def _nearest(splats: Splats, frame: np.ndarray, clip: Clip, behind: np.ndarray, 
     picture, mean, found = clip.frames[0], splats.mean.astype(float), []
     for _ in range(ROUNDS):
         pixels, depth = clip.camera.project(mean)
-        mean = clip.camera.backproject(pixels + _at(_flow(picture, frame), pixels), depth)
+        mean = clip.camera.backproject(pixels + values_at(_flow(picture, frame), pixels), depth)
         picture = _picture(replace(splats, mean=mean.astype(np.float32)), clip, behind, device)
         found.append((float(np.square(picture.astype(float) - frame).mean()), picture))
     return min(found, key=lambda each: each[0])[1]
@@ -62,12 +62,6 @@ def _flow(first: np.ndarray, other: np.ndarray) -> np.ndarray:
     method = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     method.setFinestScale(0)
     return np.asarray(method.calc(*(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (first, other)), None))
-
-
-def _at(flow: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """A flow (H, W, 2) at pixels (G, 2), bilinear."""
-    u, v = pixels.T
-    return np.stack([map_coordinates(flow[..., c], [v, u], order=1, mode="nearest") for c in (0, 1)], -1)
 
 
 def _driven(steps: Generator[object, None, T]) -> T:

@@ -29,9 +29,9 @@ def test_flow_is_read_bilinearly_at_the_pixels_of_forty_thousand_gaussians() -> 
     flow = np.stack([2 * u + v, u - 3 * v], -1)
     pixels = np.random.default_rng(0).uniform(0, [29, 19], (40_000, 2))
     expected = np.stack([2 * pixels[:, 0] + pixels[:, 1], pixels[:, 0] - 3 * pixels[:, 1]], -1)
-    assert np.abs(oracle._at(flow, pixels) - expected).max() < 1e-3
+    assert np.abs(oracle.values_at(flow, pixels) - expected).max() < 1e-3
 
 
 def test_flow_beyond_the_picture_is_that_of_its_border() -> None:
     flow = np.arange(6, dtype=np.float32).reshape(1, 3, 2)
-    assert oracle._at(flow, np.array([[-5.0, 0.0], [9.0, 4.0]])).tolist() == [[0, 1], [4, 5]]
+    assert oracle.values_at(flow, np.array([[-5.0, 0.0], [9.0, 4.0]])).tolist() == [[0, 1], [4, 5]]
