@@ -90,20 +90,27 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
         misfits.append(trials.hung(behind))
         yield Progress("body", text=f"clamp {behind:.0f} px behind its line: shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
-    end_sd = 0.0
     if steady.sway is not None:
         swayed, *_ = trials.best(places, [replace(one, misfit=one.misfit_swayed) for one in misfits], drawn=not held_at)
-        sd, end_sd = math.hypot(sd, swayed - behind), steady.sway.along_sd_px
+        sd = math.hypot(sd, swayed - behind)
     z, tracks, body, settings = trials.at(behind)
-    px_per_m = clip.camera.focal_px / z
     length_px = trials.end_px + behind
-    log_sd = math.hypot(bend * sd, 0.0 if trials.depth_told else DEPTH_SD, SCALE_POWER * math.log10(1 + end_sd / length_px))
-    hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * math.hypot(sd, EDGE_PX, end_sd) / length_px, log10_young_sd=log_sd)
+    scale_sd, log_sd = _doubts(sd, bend, length_px, steady.sway, depth_told=trials.depth_told)
+    px_per_m = clip.camera.focal_px / z
+    hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * scale_sd, log10_young_sd=log_sd)
     from ..depth import DepthSource
 
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging, held_at or "clamp_px"))
     return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, steady.moved)
+
+
+def _doubts(behind_sd_px: float, bend: float, length_px: float, sway: Sway | None, *, depth_told: bool) -> tuple[float, float]:
+    """Relative standard deviation of the scale, and standard deviation of log10 E: by the clamp's place, which moves that by `bend` a pixel, by where the end
+    lies, along an object of that length, and by its depth across the picture."""
+    end_sd_px = 0.0 if sway is None else sway.along_sd_px
+    scale_sd = math.hypot(behind_sd_px, EDGE_PX, end_sd_px) / length_px
+    return scale_sd, math.hypot(bend * behind_sd_px, 0.0 if depth_told else DEPTH_SD, SCALE_POWER * math.log10(1 + end_sd_px / length_px))
 
 
 def _camera(camera: Camera) -> Camera:

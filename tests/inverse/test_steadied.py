@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from diffphys_ros import config
-from diffphys_ros.inverse import prepare
+from diffphys_ros.inverse import outlined, prepare
+from diffphys_ros.inverse import steadied as steady
 from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.outline import Sway
+from diffphys_ros.tracks import CameraMotion
 from tests.plain_strips import Strip
 
 from .test_solve import drive
@@ -63,6 +66,11 @@ def test_a_hand_before_a_plain_scene_does_not_change_the_modulus_of_a_strip_and_
     assert float(re.search(r"what holds the object, moves by up to ([\d.]+) px", note)[1]) == pytest.approx(far, abs=0.2)
 
 
+def test_the_frame_nearest_to_rest_is_chosen_without_the_hand() -> None:
+    first, aside = seen("by hand").hanging.rest_frame, np.abs(STRIP.sway())
+    assert aside[first] == aside[first - 3 : first + 4].min()
+
+
 def test_a_camera_on_a_tripod_before_a_plain_scene_is_not_said_to_move() -> None:
     still = seen("tripod")
     first = still.hanging.rest_frame
@@ -77,3 +85,21 @@ def test_a_hand_that_moves_as_fast_as_the_strip_swings_makes_its_modulus_less_su
     assert abs(off) < 2 * sd
     assert said("as fast as the strip")
 
+
+def shifted(px: np.ndarray, along_sd_px: float = 0.0) -> Sway:
+    return Sway(px, 2.0, 0.05, np.array([1.0, 0.0]), 0, along_sd_px, 0.0)
+
+
+def test_an_outline_that_says_another_motion_than_the_background_is_not_believed() -> None:
+    px = 2 * np.column_stack([np.arange(8.0), np.zeros(8)])
+    background = CameraMotion(np.arange(1, 8), px[1:])
+    assert steady._agree(shifted(px), background)
+    assert not steady._agree(shifted(-px), background)
+
+
+def test_an_end_that_is_not_seen_leaves_scale_and_modulus_open_by_what_the_hand_may_have_moved_it() -> None:
+    """E of a beam goes with 2.5 powers of its scale: of 150 px, 2 px are 1.3 % and .0144 of log10 E."""
+    known, open_ = (outlined._doubts(1.0, 0.01, 150.0, shifted(np.zeros((8, 2)), sd), depth_told=True) for sd in (0.0, 2.0))
+    assert np.sqrt(open_[0] ** 2 - known[0] ** 2) == pytest.approx(2 / 150)
+    assert known[1] == pytest.approx(0.01)
+    assert np.sqrt(open_[1] ** 2 - known[1] ** 2) == pytest.approx(2.5 * np.log10(152 / 150))
