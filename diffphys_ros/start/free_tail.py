@@ -133,6 +133,16 @@ class Tail:
         kinds = 2 if self.at_rest else 3
         return (clock * amplitude * np.linalg.norm(place, axis=0)).reshape(len(clock), -1, kinds).sum(2)
 
+    def in_step(self, physics: Physics) -> np.ndarray:
+        """What is missed in time with the modes [m], (K, d): errors of their shapes leave it, noise of single frames little."""
+        clock = np.linalg.qr(self._fitted(physics)[0])[0]
+        return np.asarray(clock @ (clock.T @ self.misfit(physics)))
+
+    def smooth(self, physics: Physics, count: int) -> np.ndarray:
+        """An orthonormal basis (d, m) of the shapes of the `count` leading modes as the tracks see them."""
+        shapes = self.modal.eigen(physics.young, physics.density)[1]
+        return np.asarray(np.linalg.qr(self.seen.operator @ shapes[:, :count])[0])
+
     def slope(self, physics: Physics, densities: Densities | None = None) -> np.ndarray:
         """Derivatives (K d, S) of the misfit over sigma by the S entries of Physics.vector(densities).
 

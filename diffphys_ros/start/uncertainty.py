@@ -17,7 +17,9 @@ from .free_tail import DETUNED, FREQUENCY_SD, Physics, Tail, prior_residual
 
 HELD_SD = 0.01  # of a mode's log frequency where modes are held to the model: a width, a thickness and a density alone make it [chosen]
 SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
-SMOOTH = 6  # directions, at most, that such an error is spread over: it is smooth along the body, and strains the parts as stiffness would [chosen]
+SMOOTH = 6  # directions, at most, that such an error of held modes is spread over: it is smooth along the body, and strains the parts as stiffness would [chosen]
+UNSEEN_SD = 0.005  # of a mode's shape, root mean square over its own, where the fit misses nothing: stiffness takes on most of such an error [docs/how_sure.md]
+LEADING = 8  # modes along whose shapes an error of a shape lies: 6 to 12 are as likely of 92 outer parts [docs/how_sure.md]
 SILHOUETTE_PX = 0.1  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
@@ -82,15 +84,21 @@ def of_held_modes(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
     frames: frequencies, each off by HELD_SD, and shapes, off by what they miss of the motion, or by SHAPE_SD."""
     count = DETUNED - tail.detuned
     frequencies = differences(lambda off: tail.misfit(replace(physics, detune=HELD_SD * off)).ravel() / tail.sigma_m, np.zeros(count))
-    return np.hypot(_taken_on(bend, frequencies, len(physics.young)), of_shapes(tail, physics, bend, least=SHAPE_SD))
+    missed = max(SHAPE_SD, tail.missed_m(physics) / tail.size_m) / np.sqrt(min(tail.data.shape[1], SMOOTH))
+    return np.hypot(_taken_on(bend, frequencies, len(physics.young)), _by_shapes(tail, physics, bend, missed * np.eye(tail.data.shape[1])))
 
 
-def of_shapes(tail: Tail, physics: Physics, bend: Bend, *, least: float = 0.0) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,), by shapes of the modes that are off by what the fit misses of the motion, or by `least` of it: the
-    same error in all frames, which many frames do not average out."""
-    width = tail.data.shape[1]
-    missed = max(least, tail.missed_m(physics) / tail.size_m) / np.sqrt(min(width, SMOOTH))
-    return _taken_on(bend, np.kron(tail.swings(physics), np.eye(width)) * missed / tail.sigma_m, len(physics.young))
+def of_shapes(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), by shapes of the modes that are off along the leading ones, each by what the fit misses there in time
+    with the modes and by UNSEEN_SD: the same error in all frames, which many frames do not average out."""
+    directions = tail.smooth(physics, LEADING)
+    missed = np.sqrt(((tail.in_step(physics) @ directions) ** 2).mean(0)) / tail.size_m
+    return _by_shapes(tail, physics, bend, directions * np.hypot(missed, UNSEEN_SD / np.sqrt(len(missed))))
+
+
+def _by_shapes(tail: Tail, physics: Physics, bend: Bend, off: np.ndarray) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,), by shapes of each mode that are off by independent errors (d, m), as shares of their size."""
+    return _taken_on(bend, np.kron(tail.swings(physics), off) / tail.sigma_m, len(physics.young))
 
 
 def _taken_on(bend: Bend, misfits: np.ndarray, parts: int) -> np.ndarray:

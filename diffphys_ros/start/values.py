@@ -27,7 +27,7 @@ from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_he
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 0.07  # of a mode's log frequency: no error of the outline makes so much, the body is not the one that was told, and E means nothing [chosen]
 STRANGE = 3.0  # of its standard deviations by which a frequency is off: then that is why E is not known [derived]
-WIDEST_SD = 0.2  # of log10 E that still counts as identified [chosen]
+WIDEST_SD = 0.3  # of log10 E that still counts as identified: a factor of two [chosen]
 GUESS_SD = 0.5  # of log10 E of a guess [chosen]
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer [chosen]
