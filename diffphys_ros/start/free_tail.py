@@ -7,6 +7,7 @@ the leading mode swings at the frequency seen, so that the result does not depen
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -104,6 +105,10 @@ class Tail:
     def missed_m(self, physics: Physics) -> float:
         """Root mean square of what the modes miss of a frame [m]; 0 without a free frame."""
         return float(np.sqrt((self.misfit(physics) ** 2).sum(1).mean())) if len(self.data) else 0.0
+
+    def excess(self, physics: Physics) -> float:
+        """Misfit over what a frame may miss; at least 1."""
+        return max(self.missed_m(physics) / self.sigma_m, 1.0)
 
     def leading_mode(self, young: np.ndarray) -> int:
         """The eigenmode at `young` whose shape holds most of the tail's motion, of those that swing: a body that nothing holds drifts as well."""
@@ -244,8 +249,9 @@ class Tail:
         slope = self.slope(Physics.of(vector, parts, self.densities), self.densities)
         return np.concatenate([slope, prior_residual(np.eye(len(vector)), parts)])  # the priors are linear
 
-    def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> Physics:
-        """The best of the searches from several ratios between the parts, each matched to the observed frequency.
+    def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> tuple[Physics, np.ndarray]:
+        """The best of the searches from several ratios between the parts, each matched to the observed frequency; and the standard deviation (n,) of log10 E
+        by the valleys that the others ended in.
 
         Args:
             young: first guess [Pa], (n,); only its order of magnitude counts.
@@ -258,9 +264,15 @@ class Tail:
         found = [self.search(start) for start in starts]
         best = min(found, key=lambda pair: pair[0])
         if self.densities is not None:
-            others = (self.search(replace(best[1], density=density)) for density in self.densities.others(best[1].density))
-            best = min([best, *others], key=lambda pair: pair[0])
-        return best[1]
+            found += [self.search(replace(best[1], density=density)) for density in self.densities.others(best[1].density)]
+            best = min(found, key=lambda pair: pair[0])
+        return best[1], self._rivals_sd(best, found)
+
+    def _rivals_sd(self, best: tuple[float, Physics], found: Sequence[tuple[float, Physics]]) -> np.ndarray:
+        """How far minima lie from the best one, (n,) in log10 E, root mean square, each by its likelihood where a frame misses what the best one does."""
+        likelihood = np.exp([(best[0] - cost) / self.excess(best[1]) ** 2 for cost, _ in found])
+        apart = np.log10([physics.young / best[1].young for _, physics in found])
+        return np.sqrt(likelihood @ apart**2 / likelihood.sum())
 
 
 def _normal(clock: np.ndarray, place: np.ndarray) -> np.ndarray:

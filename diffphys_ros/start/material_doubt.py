@@ -18,7 +18,7 @@ from ..modes.interpolation import at_quadrature, quadrature
 from ..types import Body, MaterialDoubt
 from .densities import told_by_motion
 from .free_tail import Physics, Tail
-from .uncertainty import SHAPE_SD, Bend, contradiction, excess_of
+from .uncertainty import SHAPE_SD, Bend, contradiction
 
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700 [chosen]
 POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more [derived: standard deviation of an even spread]
@@ -112,7 +112,7 @@ def _left_open(tail: Tail, physics: Physics, bend: Bend, slope: np.ndarray, cont
     tail is fitted with is free as well and the shape of each mode is known to SHAPE_SD only, which is the same error in all frames. Frequencies that are off by
     `contradicted` times what is allowed for may be off by as much more, and tell densities the less."""
     swings = tail.swings(physics) * SHAPE_SD / tail.sigma_m
-    square, turn = np.linalg.eigh(np.eye(len(swings)) * excess_of(tail, physics) ** 2 + swings @ swings.T)
+    square, turn = np.linalg.eigh(np.eye(len(swings)) * tail.excess(physics) ** 2 + swings @ swings.T)
     slope, jacobian = ((turn / np.sqrt(square)).T @ each.reshape(len(swings), -1) for each in (slope, bend.jacobian))
     slope, jacobian = slope.reshape(len(tail.data) * tail.data.shape[1], -1), jacobian.reshape(len(bend.jacobian), -1)
     shared, prior = jacobian.T @ slope, bend.prior.copy()

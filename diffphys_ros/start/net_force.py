@@ -21,7 +21,7 @@ from .free_tail import Physics
 from .material_doubt import density_changes
 from .place import QUARTER, before, counts_once, leading_frames, probabilities
 from .stages import Fit
-from .uncertainty import Bend, excess_of
+from .uncertainty import Bend
 
 ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that across, which is seen [chosen]
 ALIKE_FRAMES = 2.0  # standard deviation of the correlation of a force over frames [chosen]
@@ -162,7 +162,7 @@ class _Doubt:
         vector = physics.vector()
         if self.fit.support.has_free_tail:
             bend = Bend.of(self.fit.tail, physics)
-            excess = max(excess_of(self.fit.tail, physics), (self.told_m or 0.0) / self.fit.tail.sigma_m)
+            excess = max(self.fit.tail.excess(physics), (self.told_m or 0.0) / self.fit.tail.sigma_m)
             size, axes = np.linalg.eigh(bend.inverse * excess**2)
             steps = axes * np.sqrt(np.maximum(size, 0.0))
         else:

@@ -49,6 +49,7 @@ class Fit:
     footprint: Footprint = field(default_factory=Footprint)
     force: np.ndarray | None = None  # amplitude [N/m^3], (T, 3); None: none was fitted yet
     heaviness: np.ndarray | None = None  # of the prior on the size of each frame's force (see ForceProblem), (T,)
+    rivals_sd: np.ndarray | float = 0.0  # of log10 E by other valleys that explain the tail nearly as well, (n,)
     grown: bool = False  # whether the forced frames are more than those that physics were read from
 
     @classmethod
@@ -71,6 +72,10 @@ class Fit:
     def tail(self) -> Tail:
         """The problem of the free frames."""
         return self.evidence.tail(self.modal, self.support)
+
+    def at_tail(self, physics: Physics, rivals_sd: np.ndarray) -> Fit:
+        """The same with what a search of the tail found."""
+        return replace(self, physics=physics, rivals_sd=rivals_sd)
 
     @property
     def whole(self) -> ForceProblem:
@@ -109,8 +114,8 @@ def run(stages: Sequence[Stage], fit: Fit) -> Fit:
 def modes(elements: Elements, guess_scale: float) -> list[Stage]:
     """Where a free tail tells the stiffness."""
     return [
-        Stage("tail", "free frames", ("modal", "physics"), partial(_tail, elements=elements, guess_scale=guess_scale)),
-        Stage("later tail", "free frames", ("support", "physics"), _later_tail),
+        Stage("tail", "free frames", ("modal", "physics", "rivals_sd"), partial(_tail, elements=elements, guess_scale=guess_scale)),
+        Stage("later tail", "free frames", ("support", "physics", "rivals_sd"), _later_tail),
         Stage("edges", "all frames", ("support", "grown"), _edges),
         Stage("tail again", "free frames", ("physics", "grown"), _tail_again),
         Stage("footprint", "all frames", ("footprint",), _footprint),
@@ -149,7 +154,7 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
     """The free tail, with the basis moved to where the fit lies until it rests."""
     hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
     young = swinging_at(fit.modal, fit.physics.young, hz) * guess_scale
-    fit = replace(fit, physics=fit.tail.fit(young, hz, decay))
+    fit = fit.at_tail(*fit.tail.fit(young, hz, decay))
     for _ in range(BASES):
         before = fit.physics
         if before.density is not None:
@@ -173,7 +178,7 @@ def _later_tail(fit: Fit) -> Fit:
     found = []
     for later in range(LATER, room + 1, max(LATER, math.ceil(room / TAILS))):
         trial = replace(fit, support=fit.support.grown(0, later))
-        trial = replace(trial, physics=trial.tail.fit(fit.physics.young, hz, decay))
+        trial = trial.at_tail(*trial.tail.fit(fit.physics.young, hz, decay))
         found.append((trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial))
     best = min((share for share, _ in found), default=np.inf)
     if best > EXPLAINED * missed / fit.tail.size_m:

@@ -29,17 +29,12 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     model error in every mode's frequency, priors), widened where the frequencies, off by `detune` (k,), fit each other worse than is allowed for,
     and that of outline and densities; OPEN_SD where a tail that the modes do not explain leaves more open than that."""
     parts = len(physics.young)
-    excess = excess_of(tail, physics)
+    excess = tail.excess(physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * excess**2 + bend.prior.T @ bend.prior) @ bend.inverse
     variance = np.diag(covariance)[:parts]
     variance = np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
     fit_sd = contradiction(bend, detune) * np.sqrt(variance) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
-
-
-def excess_of(tail: Tail, physics: Physics) -> float:
-    """Misfit of the tail over what a frame may miss; at least 1."""
-    return max(tail.missed_m(physics) / tail.sigma_m, 1.0)
 
 
 def contradiction(bend: Bend, detune: np.ndarray) -> float:

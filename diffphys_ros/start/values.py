@@ -31,6 +31,7 @@ WIDEST_SD = 0.3  # of log10 E that still counts as identified: a factor of two [
 GUESS_SD = 0.5  # of log10 E of a guess [chosen]
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer [chosen]
+RIVALS, RIVAL_SHARE = "another stiffness explains the free motion nearly as well", 0.7  # of a standard deviation: half of its square [derived]
 FINER = 0.6  # sides of elements for an outline, over the usual: its one frequency is known to .1 %, and the usual ones have it .4 % high [chosen]
 NEARLY = 1.5  # times the lowest cost: starts that end above it have not arrived [chosen]
 LONE_SD, LEAST_SD = float(np.log10(3.0)), 0.1  # of log10 E where one start alone arrives: what starts lie apart; and at the least [derived]
@@ -152,7 +153,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune)
     geometry_sd = np.hypot(_drawn_sd(evidence, clamp_sd), doubt.of_young)
-    sd = _sd_of_tail(tail, fit.physics, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
+    sd = np.minimum(np.hypot(_sd_of_tail(tail, fit.physics, bend, geometry_sd, detune), fit.rivals_sd), OPEN_SD) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))
     reasons = _with_clamp(_reasons(fit, sd, residual, detuning, holds=holds), clamp_sd)
     return StartValues(
@@ -259,12 +260,9 @@ def _reasons(fit: Fit, sd: np.ndarray, residual: float, detuning: float, *, hold
     why = "this part hardly strains in the free motion"
     if detuning > STRANGE * FREQUENCY_SD:
         why = f"a frequency of the modes is {100 * detuning:.1f} % off; check scene.gravity_m_s2, thickness, mask and parts"
-    return [
-        (True, f"log10 E is known to +-{s:.2f} only: {why}.")
-        if s > WIDEST_SD
-        else (False, f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm.")
-        for s in sd
-    ]
+    told = f"fitted to the free motion within {1e3 * residual:.2f} mm of {1e3 * size:.2f} mm."
+    rivals = np.broadcast_to(fit.rivals_sd, len(sd))
+    return [(True, f"log10 E is known to +-{s:.2f} only: {RIVALS if r > RIVAL_SHARE * s else why}.") if s > WIDEST_SD else (False, told) for s, r in zip(sd, rivals, strict=True)]
 
 
 def _with_clamp(reasons: list[tuple[bool, str]], clamp_sd: np.ndarray | float) -> list[tuple[bool, str]]:

@@ -14,7 +14,7 @@ from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import Densities
 from diffphys_ros.start.evidence import Evidence
-from diffphys_ros.start.free_tail import DETUNED, Physics, Tail, physical
+from diffphys_ros.start.free_tail import DETUNED, START_RATIOS, Physics, Tail, physical
 from diffphys_ros.start.uncertainty import Bend, inconsistency, of_shapes
 from diffphys_ros.types import Body, Tracks
 from diffphys_ros.vibration.coordinates import observe
@@ -135,3 +135,22 @@ def test_shapes_off_at_random_scatter_young_as_is_stated() -> None:
         stated.append(of_shapes(off, found[-1], Bend.of(off, found[-1])))
     scatter = np.std([np.log10(physics.young) for physics in found], axis=0)
     np.testing.assert_allclose(np.mean(stated, axis=0), scatter, rtol=0.4)
+
+
+@pytest.mark.parametrize(("worse", "known"), [(0.0, False), (50.0, True)])  # of minus the log of the likelihood
+def test_a_part_is_unknown_where_another_stiffness_explains_the_free_motion_as_well(monkeypatch: pytest.MonkeyPatch, worse: float, known: bool) -> None:
+    search = Tail.search
+
+    def with_another(tail: Tail, start: Physics) -> tuple[float, Physics]:
+        cost, physics = search(tail, start)
+        if not np.isclose(start.young[1] / start.young[0], max(START_RATIOS)):
+            return cost, physics
+        return cost + worse * tail.excess(physics) ** 2 + 1e-6, replace(physics, young=physics.young * (1.0, 30.0))
+
+    monkeypatch.setattr(Tail, "search", with_another)
+    body = bar()
+    seen = tracks(modes_of(body, YOUNG), motion(modes_of(body, YOUNG), YOUNG, gust()))
+    values, _ = start_values(body, seen, PERIOD_S, settings(at_rest=True))
+    assert values.identified[0]
+    assert values.identified[1] == known
+    assert ("another stiffness explains the free motion nearly as well" in values.reasons[1]) != known
