@@ -15,6 +15,7 @@ from .posterior import Confidence
 from .prepared import Prepared
 from .unknowns import checked_hold
 
+MOST_STRAIN = 0.5  # in frame 0, of what hangs under its own weight: its sag is taken to be small, and turns matter inside out from 1 on [chosen]
 NOT_SOUGHT = "the published loss explains the video: what force and stiffness share it cannot tell, so E is the prior's as far as pictures let it be."
 
 
@@ -36,10 +37,18 @@ def as_published(prepared: Prepared, settings: Settings) -> Prepared:
 
 def _believing(start: StartValues, prepared: Prepared, soft_sd: float) -> StartValues:
     """With the prior's E, so many of its standard deviations towards soft: forces then act where they are sought, and substeps are few. A wave
-    that crosses a stiff body within a frame leaves a search by pictures the rigid motions alone."""
+    that crosses a stiff body within a frame leaves a search by pictures the rigid motions alone. No softer than what carries its own weight."""
     assert prepared.prior is not None
     belief = of_parts(prepared.prior, prepared.body, prepared.clip.camera)
-    return replace(start, young=belief.young * 10 ** (-soft_sd * belief.log10_young_sd), log10_young_sd=belief.log10_young_sd)
+    young = _carrying(prepared, belief.young * 10 ** (-soft_sd * belief.log10_young_sd))
+    return replace(start, young=young, log10_young_sd=belief.log10_young_sd)
+
+
+def _carrying(prepared: Prepared, young: np.ndarray) -> np.ndarray:
+    """Moduli (n,) [Pa], all raised by one factor where what hangs would be strained in frame 0 by more than MOST_STRAIN."""
+    if not (prepared.body.clamped and prepared.body.gravity.any()):
+        return young
+    return young * max(1.0, prepared.modal.strain_by_weight(young) / MOST_STRAIN)
 
 
 def _braked(damping: Damping[float], drag_per_s: float) -> Damping[float]:

@@ -137,6 +137,11 @@ class ModalModel:
         """Basis coordinates (r,) of the static displacement under gravity: frame 0 minus the stress-free shape, to first order."""
         return solved(self.elastic(young), self.gravity_load)
 
+    def strain_by_weight(self, young: np.ndarray) -> float:
+        """Largest principal strain of that displacement, whatever its sign: a factor on all moduli (n,) [Pa] divides it."""
+        _, slope = interpolation.at_quadrature(self.nodes, self.tets, self.basis @ self.gravity_coordinates(young))
+        return float(np.abs(np.linalg.eigvalsh(0.5 * (slope + np.swapaxes(slope, 1, 2)))).max())
+
     def step(self, young: np.ndarray, damping: Damping[float], period_s: float) -> tuple[Step, np.ndarray]:
         """Exact transition of the eigenmodes over a frame, and their shapes (r, r)."""
         omega2, shapes = self.eigen(young)

@@ -69,14 +69,18 @@ def raise_for_flag(
     simulation: int | None = None,
 ) -> None:
     """SimulationError for the flag of a frame: `where` is the particle's last position [m], `stiffest` and `allowed`
-    are the largest Young's modulus present and the largest that these substeps carry [Pa]; `simulation` of a batch."""
+    are the largest Young's modulus present and the largest that these substeps carry [Pa]; `simulation` of a batch. A frame
+    before the first is one in which the body settles under gravity."""
     index, reason = divmod(code, 4)
     substep, particle = divmod(index, particles)
     of_batch = "" if simulation is None else f"simulation {simulation}, "
-    place = of_batch + f"frame {frame}, substep {substep} of {substeps}, particle {particle}"
+    when = f"frame {frame}" if frame >= 0 else f"settling under gravity, {-frame} frames before frame 0"
+    place = of_batch + f"{when}, substep {substep} of {substeps}, particle {particle}"
     point = ", ".join(f"{c:.4g}" for c in where)
     if stiffest > allowed:
         cure = f"lower Young's modulus from {stiffest:.3g} below {allowed:.3g} Pa or raise the substeps"
+    elif frame < 0:
+        cure = "raise Young's modulus of the softest part, which does not carry its own weight"
     else:
         cure = "lower the force or the start velocity, or raise Young's modulus of the softest part"
     if reason == LEFT_GRID:

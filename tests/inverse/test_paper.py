@@ -17,17 +17,18 @@ from diffphys_ros.inverse.answer import linear_answer
 from diffphys_ros.inverse.carried import CarriedGaussians
 from diffphys_ros.inverse.clock import Clock
 from diffphys_ros.inverse.fit import fit
+from diffphys_ros.inverse.material_prior import of_parts
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.problem import Problem, pose_problem
-from diffphys_ros.inverse.published import as_published
+from diffphys_ros.inverse.published import MOST_STRAIN, as_published
 from diffphys_ros.inverse.stages import schedule
 from diffphys_ros.inverse.transitions import Walk, held_share, transitions
 from diffphys_ros.prior import material_prior
 from diffphys_ros.resimulate import simulate_again
 from diffphys_ros.types import Splats
 
-from .conftest import make_camera
+from .conftest import make_camera, make_prepared
 from .test_solve import drive
 
 FILE = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -102,6 +103,26 @@ def test_forces_act_on_nodes_and_the_gradient_to_them_agrees_with_finite_differe
     even = forward.at_particles(torch.ones_like(force))
     inside = problem.disc.particles.x_rest[:, 0] > 0.1  # beyond the nodes that the clamp holds
     np.testing.assert_allclose(even[:, inside], 1.0, atol=1e-12)  # a uniform density is the same on nodes and particles
+
+
+def test_e_begins_no_softer_than_what_carries_the_weight_of_what_hangs() -> None:
+    """By 30 times the earth's gravity the soft end of what is believed would be strained several times its length."""
+    hangs = make_prepared(gravity=(300.0, 0.0, 0.0))
+    hangs = replace(hangs, prior=material_prior(hangs.clip, settings()))
+    belief = of_parts(hangs.prior, hangs.body, hangs.clip.camera)
+    soft = belief.young * 10 ** (-2 * belief.log10_young_sd)
+    assert hangs.modal.strain_by_weight(soft) > 2
+    started = as_published(hangs, settings())
+    np.testing.assert_allclose(started.start.young / soft, hangs.modal.strain_by_weight(soft) / MOST_STRAIN)
+    forward = pose_problem(started, None, settings()).forward
+    strain = 0.5 * (forward.disc.sag_gradient + np.swapaxes(forward.disc.sag_gradient, 1, 2))
+    assert 0.2 < np.abs(np.linalg.eigvalsh(strain)).max() < 1
+    z = torch.as_tensor(forward.layout.start, dtype=forward.dtype)
+    unknowns = forward.layout.unpack(z, modes=forward.basis.shape[2])
+    state = forward.start_of(unknowns, unknowns.young[forward.part], forward.poisson)
+    assert float(torch.linalg.det(state.F).min()) > 0
+    lying = replace(hangs, body=replace(hangs.body, gravity=np.zeros(3)))
+    np.testing.assert_allclose(as_published(lying, settings()).start.young, soft)
 
 
 def test_frame_by_frame_lowers_the_loss_of_pictures_alone(problem: Problem) -> None:

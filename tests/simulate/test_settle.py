@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
+from diffphys_ros.errors import SimulationError
+
 from .bodies import block, full, simulator
 
 LENGTH, YOUNG, DENSITY, G = 0.24, 1e5, 1000.0, 9.81
@@ -58,6 +60,12 @@ def test_a_turn_of_the_sag_puts_no_stress_into_frame_0():
     with torch.no_grad():
         settled = sim.settle(full(sim, YOUNG), full(sim, 0.0), turn, frames=6)
     assert (settled.x - sim.x_rest).abs().max() < 1e-6 * LENGTH
+
+
+def test_a_column_that_cannot_carry_itself_is_named_with_its_cure():
+    sim = column(UPRIGHT)
+    with pytest.raises(SimulationError, match=r"settling under gravity, 3 frames before frame 0, .*raise Young's modulus of the softest part, which does not carry its own weight"):
+        sim.settle(full(sim, YOUNG / 100), full(sim, 0.0), 100 * sag_gradient(sim, UPRIGHT))
 
 
 def test_the_settled_state_is_differentiable_in_stiffness():
