@@ -116,7 +116,7 @@ class _Batch:
         configs = [path.resolve() for path in (*self.request.configs, *([recording.given] if recording.given else []))]
         base = result.stored_settings(recording.path) if is_prepared(recording.path) else {}
         settings = config.layered(configs, self.request.flags, base=base)
-        budget_s = settings.fit.time_budget_s or config.TIME_BUDGET_S["cuda" if self.cards else "cpu"]
+        budget_s = settings.fit.time_budget_s or config.LONGEST_BUDGET_S["cuda" if self.cards else "cpu"]
         return Job(
             name=recording.name,
             clip=str(recording.path),

@@ -8,6 +8,7 @@ from .readers import READERS, read_by, require_read
 from .tree import (
     EXPERIMENT,
     HEADINGS,
+    LONGEST_BUDGET_S,
     TIME_BUDGET_S,
     CameraSettings,
     CaptureSettings,
@@ -31,6 +32,7 @@ __all__ = [
     "BROKEN",
     "EXPERIMENT",
     "HEADINGS",
+    "LONGEST_BUDGET_S",
     "READERS",
     "REMOVED",
     "RENAMED",

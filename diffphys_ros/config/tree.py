@@ -171,13 +171,14 @@ class PriorSettings:
 
 
 TIME_BUDGET_S = {"cpu": 900.0, "cuda": 120.0}  # of a whole clip, from reading to files, where fit.time_budget_s is not given
+LONGEST_BUDGET_S = {"cpu": 900.0, "cuda": 450.0}  # the same where fields have to carry the video: a search in every frame [docs/paper.md: 395 to 415 s for 62 frames of 1024 x 576]
 
 
 @dataclass(frozen=True)
 class Fit:
     """The inverse solver."""
 
-    time_budget_s: float | None = setting(None, "for a whole clip; cells, particles and iterations are chosen to end inside it; 120 on a GPU, 900 on a CPU where not given", unit="s", low=1.0, high=1e6)
+    time_budget_s: float | None = setting(None, "for a whole clip; cells, particles and iterations are chosen to end inside it; where not given 900 on a CPU, 120 on a GPU and 450 where neither modes nor one simulated force explain the motion", unit="s", low=1.0, high=1e6)
     iterations: int = setting(0, "iterations of the joint fit; 0: chosen", low=0, high=100_000)
     hold: list[str] | None = setting(None, "unknowns that stay as they are told, assumed or begun with: young, damping, force, motion (of frame 0), density, poisson; density and poisson where not given; none: all are sought")
     prescribe: str | None = setting(None, "result of an earlier run (its folder): what fit.hold names of young, damping and force has its values", path=True)

@@ -12,13 +12,13 @@ from ..types import Clip, Recovery, Splats
 from .checkpoint import Checkpoint
 from .clock import Clock
 from .evidence.pixels import static_background
-from .explaining import calls_for_fields, carried_by_fields, may_carry, modes_miss, shortened
+from .explaining import calls_for_fields, carried_by_fields, lengthened, may_carry, modes_miss, shortened
 from .frame_metrics import Judge
 from .gaussians import fit_gaussians
 from .prepare import label, prepare
 from .prepared import Prepared
 from .refine import refine_gaussians
-from .resolution import time_budget_s
+from .resolution import longest_budget_s, time_budget_s
 from .solve import solve
 from .uncovered import uncover
 
@@ -30,7 +30,10 @@ Steps = Generator[Progress, None, tuple[Prepared, Splats, Recovery]]
 def clock_of(settings: Settings, *, side_by_side: int = 1) -> Clock:
     """The clock of a run that begins now. Runs that share the machine have so many times the time each, and plan as one that is alone; a run
     whose iterations are told is not stopped."""
-    return Clock() if settings.fit.iterations else Clock(side_by_side * time_budget_s(settings, usable(settings.fit.device)))
+    if settings.fit.iterations:
+        return Clock()
+    limit_s, longest_s = (side_by_side * budget(settings, usable(settings.fit.device)) for budget in (time_budget_s, longest_budget_s))
+    return Clock(limit_s, longest_s=longest_s)
 
 
 def run(
@@ -76,9 +79,13 @@ def _solved(
     if splats is None or prepared.hanging is not None:  # the body hangs as in another frame
         splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings, behind=behind)
     may = may_carry(prepared, settings)
-    first, ends = shortened(settings, clock) if may and modes_miss(prepared) else (settings, clock)
+    first, ends = settings, clock
+    if may and modes_miss(prepared):
+        settings, clock = lengthened(settings, clock)
+        first, ends = shortened(settings, clock)
     recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
     if may and calls_for_fields(prepared, recovery):
+        settings, clock = lengthened(settings, clock)
         prepared, splats, recovery, behind = yield from carried_by_fields(prepared, splats, recovery, behind, settings, clock)
     splats, behind, recovery = yield from uncover(prepared, splats, recovery, settings, behind=behind, clock=clock)
     splats, recovery = yield from refine_gaussians(prepared, splats, recovery, settings, behind=behind, clock=clock)

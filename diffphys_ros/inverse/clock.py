@@ -15,17 +15,25 @@ class OutOfTimeError(Exception):
 
 
 class Clock:
-    """Runs from when it is made. `limit_s` [s] is for the whole clip; infinite where nothing ends by the clock."""
+    """Runs from when it is made. `limit_s` [s] is for the whole clip; infinite where nothing ends by the clock. `longest_s` [s]: the same where fields
+    have to carry the video; never less."""
 
-    def __init__(self, limit_s: float = np.inf) -> None:
-        self.limit_s, self._began = limit_s, time.monotonic()
+    def __init__(self, limit_s: float = np.inf, *, longest_s: float = 0.0) -> None:
+        self.limit_s, self.longest_s, self._began = limit_s, max(limit_s, longest_s), time.monotonic()
         self.stopped = ""  # what it stopped, one sentence
 
     def within(self, share: float) -> Clock:
         """One that began with it, for a share of its time."""
-        part = Clock(share * self.limit_s)
-        part._began = self._began
-        return part
+        return self._until(share * self.limit_s)
+
+    def longest(self) -> Clock:
+        """One that began with it, for all the time that fields may have."""
+        return self._until(self.longest_s)
+
+    def _until(self, limit_s: float) -> Clock:
+        other = Clock(limit_s)
+        other._began = self._began
+        return other
 
     def slice_end_s(self, pieces: float) -> float:
         """When the first of so many pieces of what is left for search and training must end, all of which are as long [s since the start]."""

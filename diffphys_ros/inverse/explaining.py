@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..config import Settings
+from ..devices import usable
 from ..errors import InputError, SimulationError
 from ..progress import Progress, waiting
 from ..start.values import explained_badly
@@ -22,7 +23,7 @@ from .material_prior import believed, of_parts, parted
 from .observed import displacement_scale
 from .posterior import Confidence
 from .prepared import Prepared
-from .resolution import fields_wanted
+from .resolution import fields_wanted, longest_budget_s, time_budget_s
 from .solve import solve
 
 EXPLAINING: Mapping[str, Any] = {  # config/paper.yaml has the same values and says why [tests/inverse/test_explaining.py]
@@ -85,11 +86,22 @@ def explaining(settings: Settings) -> Settings:
     return replace(settings, fit=fit, prior=prior, experiment=replace(settings.experiment, **EXPLAINING))
 
 
+def lengthened(settings: Settings, clock: Clock) -> tuple[Settings, Clock]:
+    """Settings and clock of a clip whose fields may have to carry the video: where nobody told its time, it has more."""
+    if clock.longest_s <= clock.limit_s:
+        return settings, clock
+    return _planned_for(settings, longest_budget_s(settings, usable(settings.fit.device))), clock.longest()
+
+
 def shortened(settings: Settings, clock: Clock) -> tuple[Settings, Clock]:
-    """Settings and clock of a search that leaves time for fields."""
+    """Settings and clock of a search that leaves time for fields; planned as for a clip that is alone."""
     if not np.isfinite(clock.limit_s):
         return settings, clock
-    return replace(settings, fit=replace(settings.fit, time_budget_s=FIRST_SHARE * clock.limit_s)), clock.within(FIRST_SHARE)
+    return _planned_for(settings, FIRST_SHARE * time_budget_s(settings, usable(settings.fit.device))), clock.within(FIRST_SHARE)
+
+
+def _planned_for(settings: Settings, seconds: float) -> Settings:
+    return replace(settings, fit=replace(settings.fit, time_budget_s=seconds))
 
 
 def _by_fields(prepared: Prepared, asked: Settings, clock: Clock) -> Generator[Progress, None, Carried]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from ..config import TIME_BUDGET_S, Experiment, Settings
+from ..config import LONGEST_BUDGET_S, TIME_BUDGET_S, Experiment, Settings
 from ..errors import InputError
 from ..particles import spacing_of_nodes
 from ..simulate import substeps_per_frame
@@ -156,6 +156,11 @@ def _memory(device: str) -> float:
 def time_budget_s(settings: Settings, device: str) -> float:
     """What a whole clip may take [s], from reading to files."""
     return settings.fit.time_budget_s or TIME_BUDGET_S[_kind(device)]
+
+
+def longest_budget_s(settings: Settings, device: str) -> float:
+    """The same where fields have to carry the video: as told, and longer where nobody told it."""
+    return settings.fit.time_budget_s or LONGEST_BUDGET_S[_kind(device)]
 
 
 def search_budget_s(settings: Settings, device: str) -> float:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from diffphys_ros.config import build, layered
+from diffphys_ros import inverse
+from diffphys_ros.config import LONGEST_BUDGET_S, TIME_BUDGET_S, build, layered
 from diffphys_ros.errors import InputError, SimulationError
-from diffphys_ros.inverse import explaining, prepare, solve
+from diffphys_ros.inverse import clock_of, explaining, prepare, solve
 from diffphys_ros.inverse.choice import STILL
 from diffphys_ros.inverse.clock import FIT_END, SLICED, Clock
-from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, may_carry, modes_miss, shortened
+from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, lengthened, may_carry, modes_miss, shortened
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.problem import Problem
@@ -45,9 +47,76 @@ def test_time_is_left_for_fields_where_modes_miss_the_motion_and_tell_no_stiffne
     assert modes_miss(replace(prepared, start=start))
     assert not modes_miss(replace(prepared, start=replace(start, track_cost=1e-4)))
     assert not modes_miss(replace(prepared, start=replace(start, identified=np.ones(2, bool))))
-    settings, clock = shortened(build({}), Clock(100.0))
+    settings, clock = shortened(build({"fit.time_budget_s": 100.0}), Clock(100.0))
     assert settings.fit.time_budget_s == clock.limit_s == 50.0
     assert shortened(build({}), Clock())[1].limit_s == np.inf
+
+
+@pytest.fixture
+def on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans and clocks as if the machine had one."""
+    for module in (inverse, explaining):
+        monkeypatch.setattr(module, "usable", lambda word: "cuda:0")
+
+
+@pytest.mark.usefixtures("on_a_gpu")
+def test_on_a_gpu_fields_have_what_450_s_told_by_a_person_give_them_and_nothing_told_is_changed() -> None:
+    untold, told = ((build(given), clock_of(build(given))) for given in ({}, {"fit.time_budget_s": 450.0}))
+    assert untold[1].limit_s == TIME_BUDGET_S["cuda"]
+    longer = lengthened(*untold)
+    assert (longer[0], longer[1].limit_s) == (told[0], told[1].limit_s) == (told[0], LONGEST_BUDGET_S["cuda"])
+    assert longer[1].spent_s > told[1].spent_s  # it went on
+    assert lengthened(*longer) == longer
+    for given in ({"fit.time_budget_s": 60.0}, {"fit.iterations": 3}):
+        settings, clock = build(given), clock_of(build(given))
+        assert lengthened(settings, clock) == (settings, clock)
+    mine = Clock(30.0)
+    assert lengthened(build({}), mine) == (build({}), mine)
+
+
+@pytest.mark.usefixtures("on_a_gpu")
+@pytest.mark.parametrize("given", [{}, {"fit.time_budget_s": 60.0}])
+def test_three_clips_side_by_side_have_the_plan_of_one_and_three_times_its_time(given: dict[str, object]) -> None:
+    settings = build(given)
+    alone, three = (shortened(*lengthened(settings, clock_of(settings, side_by_side=n))) for n in (1, 3))
+    assert alone[0] == three[0]
+    assert three[1].limit_s == pytest.approx(3 * alone[1].limit_s)
+
+
+def test_on_a_cpu_nothing_is_longer() -> None:
+    settings = build({"fit.device": "cpu"})
+    clock = clock_of(settings)
+    assert lengthened(settings, clock) == (settings, clock)
+    assert clock.limit_s == LONGEST_BUDGET_S["cpu"] == TIME_BUDGET_S["cpu"]
+
+
+@pytest.mark.usefixtures("on_a_gpu")
+@pytest.mark.parametrize(("missed", "unexplained", "limits"), [(False, False, [120, 120, 120]), (True, False, [225, 450, 450]), (False, True, [120, 450, 450, 450]), (True, True, [225, 450, 450, 450])])
+def test_a_clip_that_modes_explain_keeps_its_time_and_what_fields_may_carry_has_more(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch, missed: bool, unexplained: bool, limits: list[float]
+) -> None:
+    heard = []
+
+    def step(answer, clock_of_call):
+        def told(*args, **words):
+            yield from ()
+            settings, clock = clock_of_call(args, words)
+            heard.append((settings.fit.time_budget_s or TIME_BUDGET_S["cuda"], clock.limit_s))
+            return answer
+
+        return told
+
+    named = lambda args, words: (next(a for a in args if hasattr(a, "fit")), words["clock"])  # noqa: E731
+    monkeypatch.setattr(inverse, "modes_miss", lambda _: missed)
+    monkeypatch.setattr(inverse, "calls_for_fields", lambda *_: unexplained)
+    monkeypatch.setattr(inverse, "solve", step(None, named))
+    monkeypatch.setattr(inverse, "carried_by_fields", step((prepared, None, None, None), lambda args, _: args[-2:]))
+    monkeypatch.setattr(inverse, "uncover", step((None, None, None), named))
+    monkeypatch.setattr(inverse, "refine_gaussians", step((None, None), named))
+    judge = SimpleNamespace(judged=lambda recovery, _: recovery)
+    drive(inverse._solved(prepared, build({}), judge, speckled(), None, clock_of(build({}))))  # type: ignore[arg-type]
+    assert [limit for _, limit in heard] == pytest.approx(limits)
+    assert [budget for budget, _ in heard] == pytest.approx(limits)  # plans are for the same
 
 
 def test_what_is_left_of_the_time_is_dealt_out_to_the_frames(problem: Problem) -> None:  # noqa: F811
