@@ -2,6 +2,7 @@
 
     python benchmarks/calibration.py OUT --seeds 200-229        # choices are made on these
     python benchmarks/calibration.py OUT --confirm 60           # seeds that follow from the commit: run once
+    python benchmarks/calibration.py OUT --confirm 60 --first   # their first answers alone, without any simulation
     python benchmarks/calibration.py OUT --seeds 300-304 --kinds hook,cord    # other bodies than the generator's, other starts
     python benchmarks/calibration.py OUT --seeds 202-221 --kinds colour,plain_depth,plain    # points against outlines
     python benchmarks/calibration.py OUT --seeds 202-211 --kinds nothing_colour,nothing_colour_mask,nothing_depth,nothing_depth_mask,clamp,thickness,mass,told    # what each thing that is told buys
@@ -35,7 +36,8 @@ from diffphys_ros.batch import read_status
 from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
-CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE, KNOWN = "choice", "confirmation", "kinds", "evidence", "known"
+CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN = "choice", "confirmation", "first", "kinds", "evidence", "known"
+NOT_SIMULATED = ("--experiment.schedule", "linear")  # words for the batch, of first answers
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
 NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of the generator's own scenes
 OF_EVIDENCE = ("colour", "plain_depth", "plain")  # kinds whose rows tell kinds of evidence apart, beside those of the same seeds with texture and depth
@@ -50,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     seeds = confirmation_seeds(commit, options.confirm) if options.confirm else _seeds(options.seeds)
     out: Path = options.out[0]
     out.mkdir(parents=True, exist_ok=True)
-    about = {"set": CONFIRMATION if options.confirm else CHOICE, "commit": commit, "seeds": seeds}
+    about = {"set": (FIRST if options.first else CONFIRMATION) if options.confirm else CHOICE, "commit": commit, "seeds": seeds}
     if (out / ABOUT).exists() and json.loads((out / ABOUT).read_text())["seeds"] != seeds:
         raise InputError(f"{out}: holds a run of other seeds; give another folder")
     (out / ABOUT).write_text(json.dumps(about))
@@ -61,13 +63,13 @@ def run(options: argparse.Namespace) -> int:
     print(f"{len(clips)} clips of {len(seeds[first - 1 :: count])} seeds", flush=True)
     if options.make_only:
         return 0
-    return batched(clips, out / "results", options.batch)
+    return batched(clips, out / "results", [*(NOT_SIMULATED if options.first else ()), *options.batch])
 
 
 def rows_of(out: Path, sources: str, *, clean: bool = True) -> tuple[str, list[dict[str, Any]]]:
     """Name of the set, and a row for every clip of a run. Raises InputError for other sources, seeds that nobody may choose, unfinished runs."""
     about = json.loads((out / ABOUT).read_text())
-    if clean and about["set"] == CONFIRMATION and about["seeds"] != confirmation_seeds(_full(about["commit"]), len(about["seeds"])):
+    if clean and about["set"] in (CONFIRMATION, FIRST) and about["seeds"] != confirmation_seeds(_full(about["commit"]), len(about["seeds"])):
         raise InputError(f"{out}: its seeds are not those of commit {about['commit'][:7]}")
     rows = []
     for folder in sorted((out / "results").glob("g*-*")):
@@ -104,13 +106,13 @@ def _set_of(kind: str) -> str:
 
 
 def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    before = json.loads(_path(name).read_text()) if _path(name).exists() and name != CONFIRMATION else []
+    before = json.loads(_path(name).read_text()) if _path(name).exists() and name not in (CONFIRMATION, FIRST) else []
     return list(({row["name"]: row for row in before} | {row["name"]: row for row in made}).values())
 
 
 def filled(text: str) -> str:
     """The page with its tables made from the stored rows."""
-    for name in (CHOICE, CONFIRMATION, OTHER_KINDS, EVIDENCE, KNOWN):
+    for name in (CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN):
         if _path(name).exists():
             begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
             made = f"{begin}\n{_known(_shown(name)) if name == KNOWN else _tables(_shown(name))}\n{end}"
@@ -177,6 +179,7 @@ def _options(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("out", nargs="*", type=Path)
     parser.add_argument("--seeds", help="FIRST-LAST")
     parser.add_argument("--confirm", type=int, metavar="N", help="N seeds that follow from the commit")
+    parser.add_argument("--first", action="store_true", help="with --confirm: first answers alone, without any simulation")
     parser.add_argument("--commit", help="its full name, where there is no repository")
     parser.add_argument("--kinds", default=",".join(FREE), help=f"of {', '.join(KINDS)}")
     parser.add_argument("--quick", action="store_true", help="of the generator's coarser mesh: scenes in a third of the time")
@@ -201,6 +204,8 @@ def main(arguments: Sequence[str]) -> int:
         elif not (options.tables or options.check):
             if len(options.out) != 1 or bool(options.seeds) == bool(options.confirm):
                 raise InputError("give one folder, and --seeds or --confirm")
+            if options.first and not options.confirm:
+                raise InputError("--first goes with --confirm, not with --seeds")
             return run(options)
     except InputError as error:
         print(f"calibration: {error}", file=sys.stderr)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..linear_systems import inverted
-from ..start.values import GUESS_SD, WIDEST_SD, explained_badly
+from ..start.values import GUESS_SD, WIDEST_DOUBT_SD, WIDEST_SD, explained_badly
 from ..types import MaterialDoubt
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
 from .prepared import Prepared
@@ -92,9 +92,11 @@ def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> C
         return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd), start.young_lower)
     found = f"simulated within {1e3 * explained.rms_m:.2f} mm of {1e3 * explained.size_m:.2f} mm, where linear modes miss {100 * start.track_cost**0.5:.0f} % of the motion"
     parts = prepared.body.sources.get("parts", "")
-    hidden = (f"; {parts}" if parts and g > WIDEST_SD else "" for g in start.geometry_sd)
-    reasons = tuple(f"{found}." if s <= WIDEST_SD else f"log10 E is known to +-{s:.2f} only; {found}{more}." for s, more in zip(sd, hidden, strict=True))
-    return Confidence(sd, sd <= WIDEST_SD, reasons, start.young_lower)
+    hidden = start.geometry_sd > WIDEST_DOUBT_SD if parts else np.zeros(len(sd), bool)
+    known = (sd <= WIDEST_SD) & ~hidden
+    more = np.where(hidden, f"; {parts}", "")
+    reasons = tuple(f"{found}." if told else f"log10 E is known to +-{s:.2f} only; {found}{why}." for s, told, why in zip(sd, known, more, strict=True))
+    return Confidence(sd, known, reasons, start.young_lower)
 
 
 def _fault(prepared: Prepared, layout: Layout, explained: Explained) -> str:

@@ -28,6 +28,7 @@ ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over 
 MOST_DETUNING = 0.07  # of a mode's log frequency: no error of the outline makes so much, the body is not the one that was told, and E means nothing [chosen]
 STRANGE = 3.0  # of its standard deviations by which a frequency is off: then that is why E is not known [derived]
 WIDEST_SD = 0.3  # of log10 E that still counts as identified: a factor of two [chosen]
+WIDEST_DOUBT_SD = 0.2  # of what the body's shape leaves open of log10 E: a border is there or is not, and nothing lies between [chosen]
 GUESS_SD = 0.5  # of log10 E of a guess [chosen]
 STARTS = (0.3, 1.0, 3.0)  # factors on the guess, of the joint fit [numerical]
 AGREEMENT = 0.05  # of log10 E between starts that still counts as one answer [chosen]
@@ -182,7 +183,7 @@ def widened(values: StartValues, extra: np.ndarray | float, why: str) -> StartVa
     """With one more standard deviation of log10 E, one for all parts or one each (n,), of what the body's shape leaves open; a part that is known too badly with it is not identified,
     because of `why`, a clause."""
     sd = np.hypot(values.log10_young_sd, extra)
-    lost = values.identified & (sd > WIDEST_SD)
+    lost = values.identified & ((sd > WIDEST_SD) | (extra > WIDEST_DOUBT_SD))
     reasons = tuple(f"log10 E is known to +-{s:.2f} only: {why}." if gone else reason for s, gone, reason in zip(sd, lost, values.reasons, strict=True))
     return replace(values, log10_young_sd=sd, geometry_sd=np.hypot(values.geometry_sd, extra), identified=values.identified & ~lost, reasons=reasons)
 

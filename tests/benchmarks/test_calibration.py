@@ -85,9 +85,10 @@ def test_a_run_that_ended_without_a_result_is_counted(tables) -> None:
     assert cell(tables, rows, "published parts inside 1 sd") == "1 of 1"
 
 
-def test_seeds_that_were_chosen_are_no_confirmation(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["confirmation", "first"])
+def test_seeds_that_were_chosen_are_no_confirmation(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(calibration, "_full", lambda name: name)
-    (tmp_path / "run.json").write_text(json.dumps({"set": "confirmation", "commit": COMMIT, "seeds": [1, 2, 3]}))
+    (tmp_path / "run.json").write_text(json.dumps({"set": name, "commit": COMMIT, "seeds": [1, 2, 3]}))
     with pytest.raises(InputError, match="not those of commit 8e3fe4a"):
         calibration.rows_of(tmp_path, "any")
 
@@ -104,7 +105,7 @@ def test_the_page_shows_the_tables_of_the_stored_rows(calibration) -> None:
     assert calibration.main(["--check"]) == 0, "run: python benchmarks/calibration.py --tables"
 
 
-@pytest.mark.parametrize("words", [["OUT"], ["OUT", "--seeds", "1-2", "--confirm", "3"], ["OUT", "--seeds", "few"]])
+@pytest.mark.parametrize("words", [["OUT"], ["OUT", "--seeds", "1-2", "--confirm", "3"], ["OUT", "--seeds", "few"], ["OUT", "--seeds", "1-2", "--first"]])
 def test_a_run_without_one_set_of_seeds_is_refused(calibration, words: list[str], tmp_path: Path, capsys) -> None:
     assert calibration.main([str(tmp_path), *words[1:]]) == 2
     assert "--seeds" in capsys.readouterr().err
