@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 CONVERGED = 1e-9  # largest residual over the largest load that counts
+ROUNDED = 1e-13  # of the force that a strain of one makes on a cell: forces smaller than that are lost in rounding
 ROUNDS = 40  # of Newton's, with a matrix that is made anew where it stops helping
 IDENTITY = np.eye(3)
 
@@ -106,6 +107,11 @@ class Solid:
         np.add.at(total, self.cells, np.broadcast_to(self._weights @ self._values, self.cells.shape))
         return total
 
+    @property
+    def rounding_n(self) -> float:
+        """Internal force [N] that counts as nothing."""
+        return ROUNDED * float((2 * self._mu + self._lam).max() * np.max(self.size) ** 2)
+
     def energy(self, u: np.ndarray) -> float:
         """Strain energy [J] of displacements (N, 3)."""
         f = IDENTITY + self._gradient(u)
@@ -162,7 +168,7 @@ class Marcher:
             for _ in range(ROUNDS):
                 inner, matrix = self.solid.force(u, np.zeros_like(u), Step(1.0, 0.0))
                 missed = (share * load - inner)[dofs]
-                if np.abs(missed).max() <= CONVERGED * max(np.abs(load).max(), 1e-30):
+                if np.abs(missed).max() <= max(CONVERGED * np.abs(load).max(), self.solid.rounding_n):
                     break
                 u.reshape(-1)[dofs] += splu(matrix[dofs][:, dofs].tocsc()).solve(missed)
             else:
@@ -180,7 +186,7 @@ class Marcher:
             inner = solid.force(middle, speed)[0]
             missed = (load + held - inertia @ (new - u).ravel() - inner)[dofs]
             size = float(np.abs(missed).max())
-            if size <= CONVERGED * max(np.abs(each[dofs]).max() for each in (load, held, inner)):
+            if size <= max(CONVERGED * max(np.abs(each[dofs]).max() for each in (load, held, inner)), solid.rounding_n):
                 return new, 2 * speed - v
             if self._lu is None or self._of != step_s or size > 0.2 * before:
                 matrix = solid.force(middle, speed, Step(0.5, 1 / step_s))[1] + inertia

@@ -71,6 +71,15 @@ def test_a_body_let_go_keeps_its_energy(module) -> None:
     assert solid.energy(u) + 0.5 * v.ravel() @ (solid.mass @ v.ravel()) == pytest.approx(begun, rel=1e-3)
 
 
+@pytest.mark.parametrize("newtons_per_m3", [1e-12, 1e-3])
+def test_a_body_at_rest_takes_the_least_push(module, newtons_per_m3: float) -> None:
+    solid = beam(module, 4)
+    march, still = module.Marcher(solid, solid.nodes[:, 0] > 1e-9), np.zeros_like(solid.nodes)
+    u, v = march.stepped(still, still, solid.load(np.full_like(solid.nodes, newtons_per_m3)), 1 / 240)
+    assert np.abs(u).max() < 1e-6 * newtons_per_m3 + 1e-12
+    assert np.isfinite(v).all()
+
+
 def test_the_vertices_of_a_scene_are_nodes_of_its_finer_solid(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(BENCHMARKS)
     second_truth = loaded(BENCHMARKS / "second_truth.py")
