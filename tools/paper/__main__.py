@@ -17,6 +17,7 @@ from diffphys_ros.bags.read import read_clip
 from diffphys_ros.bags.sample import sample_folder
 from diffphys_ros.batch import Request, run_batch
 from diffphys_ros.batch.find import Recording, find_recordings
+from diffphys_ros.devices import usable
 from diffphys_ros.errors import InputError
 from diffphys_ros.metrics.lpips import Lpips
 
@@ -33,6 +34,7 @@ def main(words: Sequence[str] | None = None) -> int:
     chosen = _chosen(options)
     failed, stopped = 0, False
     try:
+        options.device = usable(options.device, setting="--device")
         for variant in chosen:
             failed += _recovered(variant, options)
     except KeyboardInterrupt:
@@ -115,7 +117,7 @@ def _written(chosen: Sequence[Variant], options: argparse.Namespace) -> Path:
             found.append(row)
             if variant.table == 1 and not row.why:
                 recovery = result.load(folder)
-                draw_all(options.out / FIGURES / f"{run.clip}, {variant.name}, {folder.parent.parent.name}", recovery, clip.part(0, len(recovery.trajectory)))
+                draw_all(options.out / FIGURES / ", ".join([run.clip, variant.name, folder.parent.parent.name.replace("_", " ")]), recovery, clip.part(0, len(recovery.trajectory)))
     return page.write(options.out / "paper.html", rows.merged(options.out / "rows.json", found), drawn(options.out / FIGURES))
 
 

@@ -49,6 +49,7 @@ class Row:
     young_log10_error: tuple[float | None, ...] = ()  # by part, signed, whether E is called identified or not
     identified: bool | None = None
     force_cosine: float | None = None
+    still: bool = False  # nothing moves in its pictures: no motion was found that shows the clip better, or material alone was sought
     why: str = ""  # there are no figures
 
     @property
@@ -63,7 +64,7 @@ def of_recovery(folder: Path, video: np.ndarray, run: Run, *, variant: str, lpip
         return Row(run.clip, variant, run.device, run.quick, why=status.reason or status.state if status else "not run")
     recovery, metrics = result.load(folder), result.read_metrics(folder)
     time = {"seconds": status.seconds, "memory_mb": status.memory_mb}
-    about: dict[str, Any] = {**time, "identified": bool(recovery.identified.all()), "force_cosine": metrics.get("net_force_cosine")}
+    about: dict[str, Any] = {**time, "still": not recovery.force.any(), "identified": bool(recovery.identified.all()), "force_cosine": metrics.get("net_force_cosine")}
     if truth is not None:
         about["young_log10_error"] = young_errors(recovery, truth)
     if recovery.frames is None:

@@ -26,16 +26,16 @@ PRINTED: dict[int, tuple[tuple[Any, ...], ...]] = {  # tables 1 to 4 of the pape
 def table(number: int, rows: Sequence[Row]) -> str:
     """One of the paper's tables: measured rows, then those that the paper prints."""
     title, names = IN_TABLE[number]
-    lines = [_measured(row) for row in rows if row.variant in names]
+    lines = [_measured(row) for row in sorted((row for row in rows if row.variant in names), key=lambda row: (row.clip, names.index(row.variant), row.device, row.quick))]
     lines += [[clip, f"{name} (printed)", _number(psnr, 2), *map(_number, others), *[""] * (5 - len(others))] for clip, name, psnr, *others in PRINTED[number]]
     return _html(f"Table {number}. {title}", HEAD, lines)
 
 
 def truth_table(rows: Sequence[Row]) -> str:
-    """What the pictures alone do to E: rows of clips with a known truth."""
-    known = [row for row in rows if row.young_log10_error and row.variant in ("paper", "default")]
+    """What the pictures alone do to E and force: rows of clips with a known truth."""
+    known = [row for row in rows if row.young_log10_error and row.variant in ("paper", "force_only", "default")]
     lines = [[row.clip, row.variant + _mark(row), ", ".join(_number(e, 2) for e in row.young_log10_error), "yes" if row.identified else "no", _number(row.force_cosine)] for row in known]
-    return _html("What the pictures alone do to E", ("clip", "row", "log10 of E over the true one, by part", "E called identified", "cosine of the net force"), lines)
+    return _html("What the pictures alone do to E and force", ("clip", "row", "log10 of E over the true one, by part", "E called identified", "cosine of the net force"), lines)
 
 
 def _measured(row: Row) -> list[str]:
@@ -45,7 +45,8 @@ def _measured(row: Row) -> list[str]:
 
 
 def _mark(row: Row) -> str:
-    return " (quick)" if row.quick else ""
+    marks = [word for word, holds in (("quick", row.quick), ("stands still", row.still)) if holds]
+    return f" ({', '.join(marks)})" if marks else ""
 
 
 def _number(value: float | None, digits: int = 3) -> str:

@@ -27,6 +27,17 @@ def test_arrows_point_where_the_force_pushes_in_the_picture(made_recovery: Recov
     assert mean @ (b - a)[0] > 0.95 * np.linalg.norm(mean) * np.linalg.norm(b - a)
 
 
+def test_forces_are_shown_in_frames_in_which_they_act() -> None:
+    force = np.zeros((40, 5, 3))
+    force[6:19, :, 1] = 1e3
+    force[30] = 1.0  # next to nothing
+    np.testing.assert_array_equal(figures.acting(force), [6, 10, 14, 18])
+    np.testing.assert_array_equal(figures.acting(0 * force), [0, 13, 26, 39])
+    force[8:] = 0  # two frames alone
+    np.testing.assert_array_equal(figures.acting(force), [5, 6, 7, 8])
+    np.testing.assert_array_equal(figures.acting(force[:8]), [4, 5, 6, 7])
+
+
 def test_the_slice_is_taken_where_most_pixels_move(made_clip: Clip) -> None:
     frame, video, ours, difference = figures.slices(made_clip.frames, made_clip.frames).findobj(AxesImage)
     moved = moving(made_clip.frames).sum(1)
@@ -50,6 +61,6 @@ def test_every_part_has_a_box_about_its_own_particles(made_recovery: Recovery, m
 def test_the_page_shows_the_figures_of_every_run(made_recovery: Recovery, made_clip: Clip, tmp_path: Path) -> None:
     for run in ("sample, paper", "sample, default"):
         figures.draw_all(tmp_path / run, made_recovery, made_clip)
-    titles = [title for title, _ in figures.drawn(tmp_path)]
+    titles = [title for title, *_ in figures.drawn(tmp_path)]
     assert titles[:2] == ["Figures 1 and 3. Force: sample, default", "Figures 1 and 3. Force: sample, paper"]
     assert len(titles) == 2 * (4 if made_recovery.frames is not None else 3)

@@ -54,6 +54,12 @@ def test_printed_rows_say_so_and_a_run_that_failed_says_why():
     assert text.count("(printed)") == 4
 
 
+def test_rows_stand_by_clip_in_the_order_of_the_table_and_a_picture_that_stands_still_says_so():
+    found = [Row("hat", "material_only", "cpu", True, psnr=20.0, ssim=0.5, still=True), Row("alocasia", "paper", "cpu", False, psnr=20.0, ssim=0.5), Row("hat", "paper", "cpu", False, psnr=20.0, ssim=0.5)]
+    text = table(2, found)
+    assert text.index("alocasia") < text.index("<td>hat</td><td>paper</td>") < text.index("material_only (quick, stands still)")
+
+
 def test_a_quick_run_keeps_what_its_row_is_about():
     by_name: dict[str, Variant] = {variant.name: variant for variant in VARIANTS}
     settings = by_name["grid_128"].settings(device="cpu", quick=True)
@@ -74,9 +80,10 @@ def test_no_clock_ends_a_quick_run_of_the_published_schedule_before_it_has_a_for
 def test_the_page_needs_no_other_file(tmp_path: Path):
     png = tmp_path / "a.png"
     png.write_bytes(PNG)
-    text = page.write(tmp_path / "paper.html", [Row("hat", "paper", "cpu", False, psnr=25.0, ssim=0.5)], [("Figure 1", png)]).read_text()
+    text = page.write(tmp_path / "paper.html", [Row("hat", "paper", "cpu", False, psnr=25.0, ssim=0.5)], [("Figure 1", "What it shows.", png)]).read_text()
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)', text))
     assert "25.00" in text
+    assert "What it shows." in text
 
 
 def test_frames_that_are_frame_0_again_do_not_count() -> None:
