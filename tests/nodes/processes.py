@@ -36,6 +36,13 @@ def environment(domain: int) -> dict[str, str]:
     return os.environ | own
 
 
+def of_scripts(name: str, *arguments: str, longest_s: float) -> subprocess.CompletedProcess[str]:
+    """What a script of the folder scripts said in a domain of its own."""
+    with claimed() as domain:
+        command = [sys.executable, str(ROOT / "scripts" / name), *arguments]
+        return subprocess.run(command, env=environment(domain), capture_output=True, text=True, timeout=longest_s)
+
+
 class Domain:
     """Processes that hear each other alone; each writes NAME.log into `folder`. Use it as a context."""
 
