@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros import config, store
+from diffphys_ros.batch import run
 from diffphys_ros.batch.find import find_recordings
 from diffphys_ros.batch.key import run_key
 from diffphys_ros.errors import InputError
@@ -95,3 +96,12 @@ def test_the_key_of_a_run_is_that_of_clip_settings_and_named_files(tmp_path: Pat
     mask.write_bytes(b"mask")
     (tmp_path / "moved" / "clip.mcap").write_bytes(b"two")
     assert run_key(tmp_path / "moved" / "clip.mcap", settings) != key
+
+
+@pytest.mark.parametrize(("told", "limit_s"), [({}, 2 * 3 * 450.0), ({"fit.time_budget_s": 120.0}, 2 * 3 * 120.0)])
+def test_the_time_limit_on_a_gpu_leaves_a_clip_that_fields_carry_all_its_time(tree: Path, monkeypatch: pytest.MonkeyPatch, told: dict[str, float], limit_s: float) -> None:
+    monkeypatch.setattr(run, "gpus", lambda: [80_000])
+    request = run.Request(clips=(str(tree),), out=tree / "out", flags=told, workers=3)
+    found = find_recordings([tree / "one", tree / "two"], out=tree / "out")
+    batch = run._Batch(request, config.layered((), told), found, tree / "out")
+    assert batch._job(found[0], tree / "out" / "a").timeout_s == limit_s
