@@ -112,7 +112,7 @@ class Segment:
 
     method: str = setting(
         "auto",
-        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion; flow: everything that moves however little, strands and holes as they are",
+        "object mask in frame 0; auto: given where first_mask or a mask topic is, else sam where segment.model is set, else motion; flow: sam where segment.model is set, else everything that moves however little, strands and holes as they are",
         choices=("auto", "given", "motion", "flow", "otsu", "sam"),
     )
     model: str | None = setting(None, "SAM or SAM 2 checkpoint of transformers: a folder or a hub id; its prompt is box_px, point_px or what moves")

@@ -23,6 +23,7 @@ from .problem import Problem
 from .published import unidentified
 from .second_reading import as_start
 
+STANDS = "stands still: no motion that was found shows the clip better"
 STILL = "no motion that was found shows the clip better than its first frame: the answer stands still."
 
 
@@ -150,7 +151,7 @@ def _confidence(problem: Problem, answer: Candidate) -> Confidence:
 def verdict(recovery: Recovery) -> str:
     m = recovery.metrics
     beaten = "not simulated" if m["not_simulated"] else "linear modes explain the clip better than the simulation"
-    kept = "refined by simulation" if m["refined"] else f"start values kept: {beaten}"
+    kept = STANDS if STILL in recovery.notes else "refined by simulation" if m["refined"] else f"start values kept: {beaten}"
     return f"{kept}; misfit {1e3 * m['track_rms_m']:.2f} mm, track noise {1e3 * m['track_noise_m']:.2f} mm"  # type: ignore[operator]
 
 

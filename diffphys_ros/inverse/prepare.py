@@ -36,9 +36,10 @@ def label(clip: Clip, settings: Settings) -> Clip:
     """The clip with label images; those it already carries are kept."""
     if clip.labels is not None:
         return clip
-    from ..segment import label_clip
+    from ..segment import described, label_clip
 
-    return clip.with_labels(label_clip(clip, settings))
+    labels = label_clip(clip, settings)
+    return replace(clip.with_labels(labels), notes=(*clip.notes, *filter(None, [described(clip, settings, labels)])))
 
 
 def check_clip(clip: Clip) -> None:

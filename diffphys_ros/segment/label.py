@@ -33,6 +33,15 @@ METHODS: dict[str, Callable[[Clip, Settings, Mark], np.ndarray]] = {
 }
 
 
+WORDS = {
+    "flow": "what moves, by optical flow",
+    "given": "as it was drawn",
+    "motion": "what moves, grown along its colours",
+    "otsu": "by a threshold of brightness",
+    "sam": "by the segmentation model",
+}
+
+
 def label_clip(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray:
     """Label images of the whole clip, uint8 (T, H, W): 0 background, 1..n parts with 1 at the clamp, 255 ignore.
 
@@ -60,6 +69,16 @@ def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray
     return np.where(mask == IGNORE, IGNORE, parts).astype(np.uint8)
 
 
+def described(clip: Clip, settings: Settings, labels: np.ndarray) -> str:
+    """What drew the object of label images (T, H, W), a sentence, and what is told and not looked at; empty where `segment.method` is auto."""
+    if settings.segment.method == "auto":
+        return ""
+    method, parts = _method(clip, settings, NO_MARK), int(np.setdiff1d(labels[0], (0, IGNORE)).size)
+    told = [name for name, there in (("scene.first_mask", settings.scene.first_mask), ("topics.mask", clip.first_labels is not None)) if there and method != "given"]
+    unread = f"; {' and '.join(told)} not looked at" if told else ""
+    return f"object: {WORDS[method]} (segment.method {settings.segment.method}), {parts} part(s) by colour{unread}"
+
+
 def _method(clip: Clip, settings: Settings, mark: Mark) -> str:
     """Name of what draws the object in frame 0. Raises InputError for one that does not exist."""
     if mark.labels is not None:
@@ -67,6 +86,8 @@ def _method(clip: Clip, settings: Settings, mark: Mark) -> str:
     method = settings.segment.method
     if method == "auto":
         return "given" if settings.scene.first_mask or clip.first_labels is not None else "sam" if settings.segment.model else "motion"
+    if method == "flow" and settings.segment.model:
+        return "sam"
     if method not in METHODS:
         raise InputError(f"segment.method is {method!r}, must be one of {', '.join(METHODS)}")
     return method

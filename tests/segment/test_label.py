@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.errors import InputError
-from diffphys_ros.segment import label_clip
+from diffphys_ros.segment import described, label_clip
 from diffphys_ros.segment.given import given_mask
 from diffphys_ros.segment.label import METHODS, first_labels
 from diffphys_ros.segment.motion import motion_mask
@@ -72,6 +72,21 @@ def test_motion_finds_the_object_without_its_still_mount(clip: Clip) -> None:
 def test_otsu_finds_an_object_of_several_colours(clip: Clip) -> None:
     mask = METHODS["otsu"](box_clip(bar(cuts=(0.08, 0.16)), [np.eye(4)], oblique_camera()), bar_settings())
     assert overlap(mask > 0, clip.labels[0] > 0) > 0.93
+
+
+def test_a_model_that_is_told_draws_the_object_in_place_of_flow(clip: Clip, tmp_path: Path) -> None:
+    settings = bar_settings(segment__method="flow", segment__model=str(tmp_path / "none"))
+    with pytest.raises(InputError, match=r"segment\.model"):
+        label_clip(replace(clip, labels=None), settings)
+    assert "by the segmentation model" in described(clip, settings, clip.labels)
+
+
+def test_a_mask_that_an_explicit_method_does_not_look_at_is_said(clip: Clip) -> None:
+    words = described(clip, bar_settings(segment__method="flow", scene__first_mask="mask.png"), clip.labels)
+    assert "what moves, by optical flow" in words
+    assert "2 part(s) by colour; scene.first_mask not looked at" in words
+    assert "not looked at" not in described(clip, bar_settings(segment__method="given", scene__first_mask="mask.png"), clip.labels)
+    assert not described(clip, bar_settings(scene__first_mask="mask.png"), clip.labels)
 
 
 def test_a_clip_in_which_nothing_moves_is_refused(clip: Clip) -> None:
