@@ -17,9 +17,11 @@ from .frame_metrics import Judge
 from .gaussians import fit_gaussians
 from .prepare import label, prepare
 from .prepared import Prepared
+from .prescribed import told_by
 from .refine import refine_gaussians
 from .resolution import longest_budget_s, time_budget_s
 from .solve import solve
+from .stages import require_schedule
 from .uncovered import uncover
 
 __all__ = ["Checkpoint", "Clock", "Judge", "Prepared", "Progress", "clock_of", "fit_gaussians", "label", "prepare", "refine_gaussians", "run", "solve", "solve_prepared"]
@@ -48,6 +50,7 @@ def run(
     """Clip, or the path of a recording, in; fields out. Of a recording the frames of settings.frames are read, a clip is taken whole. Gaussians
     of frame 0 are fitted where none are given, and where the body is that of another frame. The search for start values begins `guess_scale`
     times off, which it must forget. Yields news, returns (Prepared, Splats, Recovery)."""
+    _require(settings)
     clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=usable(settings.fit.device))
     if not isinstance(source, Clip):
@@ -65,11 +68,18 @@ def solve_prepared(
     prepared: Prepared, settings: Settings, *, checkpoint: Checkpoint | None = None, clock: Clock | None = None, start_scale: float = 1.0
 ) -> Steps:
     """The part of the job that needs only torch, numpy, scipy and Warp. The solver begins `start_scale` times off the start values."""
+    _require(settings)
     clock = clock or clock_of(settings)
     judge = Judge.of(settings, device=usable(settings.fit.device))
     if checkpoint is not None:
         checkpoint.bind(prepared.clip, settings, begun=start_scale)
     return (yield from _solved(prepared, settings, judge, None, checkpoint, clock, start_scale))
+
+
+def _require(settings: Settings) -> None:
+    """Refuses, before anything is fitted, what the settings alone say of schedule, unknowns and prescribed result. Raises InputError."""
+    require_schedule(settings)
+    told_by(settings)
 
 
 def _solved(

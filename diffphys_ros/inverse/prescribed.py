@@ -11,6 +11,7 @@ from .. import shapes, store
 from ..config import Settings
 from ..damping import Damping
 from ..errors import InputError
+from ..start.values import GUESS_SD
 from ..types import Body, MaterialDoubt, StartValues
 from .prepared import Prepared
 from .unknowns import checked_hold
@@ -19,46 +20,68 @@ FILE = "recovery.npz"
 TOLD_SD = 0.01  # of log10 E that is told
 TOLD = {
     "points": "real N 3", "part": "whole N", "volume": "positive N", "young": "gap N", "force": "real T N 3", "clamped": "truth N",
-    **shapes.DAMPING,
+    "young_solver": "?positive N", "apparent_stiffness": "?positive", "engine": "?text", **shapes.DAMPING,
 }  # fmt: skip
+NOT_IDENTIFIED = "told by fit.prescribe, where it is not identified: it is the modulus that the simulation there moved with."
 
 
-def prescribed(prepared: Prepared, settings: Settings) -> Prepared:
-    """The clip with what fit.prescribe tells of the blocks that fit.hold names; unchanged where nothing is prescribed.
+def told_by(settings: Settings) -> dict[str, np.ndarray] | None:
+    """The result that fit.prescribe names; None where it names none. Raises InputError for a file that holds no result."""
+    if settings.fit.prescribe is None:
+        return None
+    found = store.read_arrays(_file(settings.fit.prescribe), "fit.prescribe", cure="give the folder of a result")
+    try:
+        shapes.check(found, TOLD)
+    except shapes.MisshapenError as error:
+        raise InputError(f"fit.prescribe {_file(settings.fit.prescribe)}: {error}; give the folder of a result") from error
+    return found
 
-    E [Pa] of a part is the mean of its logarithm over the volume; the force [N/m^3] of a frame is the amplitude of the start values' family
+
+def prescribed(prepared: Prepared, settings: Settings, told: dict[str, np.ndarray] | None) -> Prepared:
+    """The clip with what a result (`told_by`) tells of the blocks that fit.hold names; unchanged where nothing is prescribed.
+
+    E [Pa] of a part is the mean of its logarithm over the volume, where it is not identified that of the modulus that the result moved with; the force [N/m^3] of a frame is the amplitude of the start values' family
     with the told net force. Densities and Poisson's ratios are told by scene.density_kg_m3 and scene.poisson_ratio. Raises InputError for a
     file that does not fit the clip.
     """
-    if settings.fit.prescribe is None:
+    if told is None:
         return prepared
-    held = checked_hold(settings.fit.hold)
-    told = _read(settings.fit.prescribe, prepared)
+    held, notes = checked_hold(settings.fit.hold), []
     body, start = prepared.body, prepared.start
     if "young" in held:
-        young = 10 ** _per_part(told, np.log10(told["young"]), body.parts, "young")
-        reasons = ("told by fit.prescribe.",) * body.parts
-        sd, exact = np.full(body.parts, TOLD_SD), MaterialDoubt.none(body.parts)  # whatever the densities are
-        start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=np.ones(body.parts, bool), reasons=reasons, young_lower=np.full(body.parts, np.nan))
+        young = 10 ** _per_part(told, np.log10(_moved_with(told)), body.parts, "young")
+        known = np.array([np.isfinite(told["young"][told["part"] == number]).any() for number in range(1, body.parts + 1)])
+        reasons = tuple("told by fit.prescribe." if sure else NOT_IDENTIFIED for sure in known)
+        sd, exact = np.where(known, TOLD_SD, GUESS_SD), MaterialDoubt.none(body.parts)  # whatever the densities are
+        start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=known, reasons=reasons, young_lower=np.full(body.parts, np.nan))
+        notes += [f"Young's modulus of part {number}: {NOT_IDENTIFIED}" for number in np.flatnonzero(~known) + 1]
     if "damping" in held:
         start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:
+        _require_frames(told, settings, len(prepared.clip))
         force = _amplitudes(told, body, start)
         start = replace(start, force=force, forced=np.abs(force).max(1) > 0)
-    return replace(prepared, start=start)
+    clip = replace(prepared.clip, notes=(*prepared.clip.notes, *notes))
+    return replace(prepared, clip=clip, start=start)
 
 
-def _read(path: str, prepared: Prepared) -> dict[str, np.ndarray]:
-    file = Path(path) / FILE if Path(path).is_dir() else Path(path)
-    found = store.read_arrays(file, "fit.prescribe", cure="give the folder of a result")
-    try:
-        sizes = shapes.check(found, TOLD)
-    except shapes.MisshapenError as error:
-        raise InputError(f"fit.prescribe {file}: {error}; give the folder of a result") from error
-    frames = len(prepared.clip)
-    if sizes["T"] != frames:
-        raise InputError(f"fit.prescribe {file}: has {sizes['T']} frames, the clip has {frames}; give a result of this clip")
-    return found
+def _file(path: str | None) -> Path:
+    assert path is not None
+    return Path(path) / FILE if Path(path).is_dir() else Path(path)
+
+
+def _require_frames(told: dict[str, np.ndarray], settings: Settings, frames: int) -> None:
+    """A force is told frame by frame. Raises InputError."""
+    if (there := len(told["force"])) != frames:
+        raise InputError(f"fit.prescribe {_file(settings.fit.prescribe)}: has {there} frames, the clip has {frames}; give a result of this clip")
+
+
+def _moved_with(told: dict[str, np.ndarray]) -> np.ndarray:
+    """E [Pa] (N,), where it is not identified what the simulation moved with, less what its grid made of that; NaN where nobody says it."""
+    if "young_solver" not in told:
+        return told["young"]
+    on_grid = told.get("apparent_stiffness", 1.0) if str(told.get("engine", "mpm")) == "mpm" else 1.0
+    return np.where(np.isfinite(told["young"]), told["young"], told["young_solver"] * on_grid)
 
 
 def _per_part(told: dict[str, np.ndarray], values: np.ndarray, parts: int, name: str) -> np.ndarray:

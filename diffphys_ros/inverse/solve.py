@@ -18,7 +18,7 @@ from .clock import Clock
 from .fit import ended, fit
 from .model import Model
 from .prepared import Prepared
-from .prescribed import prescribed
+from .prescribed import prescribed, told_by
 from .problem import Problem, pose_problem
 from .published import as_published
 from .second_reading import fitted_again
@@ -42,7 +42,8 @@ def solve(
     checkpoint, clock = checkpoint or Checkpoint(None), clock or Clock()
     checkpoint.bind(prepared.clip, settings, begun=start_scale)
     settings = suited(prepared, settings)
-    prepared = prescribed(prepared, settings)
+    told = told_by(settings)
+    prepared = prescribed(prepared, settings, told)
     if settings.experiment.published:
         prepared = as_published(prepared, settings)
     zones = None if settings.experiment.published else (yield from zones_of(prepared, settings))

@@ -8,10 +8,11 @@ from ...config import Settings
 from ...errors import InputError, short
 from ..problem import Problem
 from ..resolution import fields_wanted
+from ..unknowns import checked_hold
 from .constants import constants
 from .fields import fields
 from .linear import linear
-from .paper import paper
+from .paper import paper, require_sought
 from .stage import Stage
 
 __all__ = ["SCHEDULES", "Stage", "require_schedule", "schedule"]
@@ -28,9 +29,12 @@ SCHEDULES: dict[str, Callable[[Problem], list[Stage]]] = {**dict.fromkeys(("auto
 
 
 def require_schedule(settings: Settings) -> None:
-    """Raises InputError where experiment.schedule names none."""
+    """Raises InputError where experiment.schedule names none, or fit.hold no unknowns or those that it must seek."""
     if (name := settings.experiment.schedule) not in SCHEDULES:
         raise InputError(f"experiment.schedule: {short(name)} is unknown; choose one of {', '.join(SCHEDULES)}")
+    held = checked_hold(settings.fit.hold)
+    if settings.experiment.published:
+        require_sought(held)
 
 
 def schedule(problem: Problem) -> list[Stage]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from ...errors import InputError
 from ..descent import Rules
 from ..problem import Problem
@@ -15,9 +17,8 @@ def paper(problem: Problem) -> list[Stage]:
     if not problem.plan.simulates:
         return []
     experiment, held = problem.settings.experiment, problem.layout.held
+    require_sought(held)
     frame_by_frame, whole_clip = Rules(patience=None), Rules(memory=MEMORY)  # which ends where nothing is gained any more
-    if {"young", "force"} <= held:
-        raise InputError("fit.hold holds young and force, with the schedule paper one of them must be sought; leave one out")
     if "pixels" not in problem.objective.evidence:
         raise InputError("experiment.image_weight is 0, must be above 0 with the schedule paper, which knows pictures alone; raise it")
     force: tuple[str, ...] = () if "force" in held else ("force_field",)
@@ -29,3 +30,9 @@ def paper(problem: Problem) -> list[Stage]:
     if warm_up:
         found.append(Stage("fields", force, warm_up, whole_clip, fields=True))
     return [*found, Stage("fields", (*force, *material), experiment.field_iterations - warm_up, whole_clip, fields=True)]
+
+
+def require_sought(held: Collection[str]) -> None:
+    """Raises InputError where the blocks that are held leave nothing to seek."""
+    if {"young", "force"} <= set(held):
+        raise InputError("fit.hold holds young and force, with the schedule paper one of them must be sought; leave one out")
