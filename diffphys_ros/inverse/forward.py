@@ -125,6 +125,7 @@ class ForwardModel:
         self.part = torch.as_tensor(p.part - 1, device=device)
         self.basis, self.basis_gradient = tensor(disc.basis), tensor(disc.basis_gradient)
         self.nodes = self._nodes() if nodal else None
+        self.told_force: torch.Tensor | None = None  # on the nodes (T - 1, M, 3) [N/m^3], in place of the family's
 
     def _nodes(self) -> NodeSet:
         """Those that particles touch; where they keep their weights, wherever they go."""
@@ -211,10 +212,10 @@ class ForwardModel:
         return found
 
     def node_force(self, unknowns: Unknowns, field: torch.Tensor | None) -> torch.Tensor:
-        """Force densities on the nodes (T - 1, M, 3) [N/m^3]: the family's, and a field's (T - 1, M, 3) on top."""
+        """Force densities on the nodes (T - 1, M, 3) [N/m^3]: the family's or the told ones, and a field's (T - 1, M, 3) on top."""
         assert self.nodes is not None
         weights = self.simulator.tensor(self.prepared.start.footprint.weights(self.nodes.places(self.disc.grid)))
-        family = unknowns.force[:-1, None, :] * weights[None, :, None]
+        family = unknowns.force[:-1, None, :] * weights[None, :, None] if self.told_force is None else self.told_force
         return family if field is None else family + field
 
     def at_particles(self, on_nodes: torch.Tensor) -> torch.Tensor:

@@ -12,8 +12,9 @@ from ..config import Settings
 from ..damping import Damping
 from ..errors import InputError
 from ..start.values import GUESS_SD
-from ..types import Body, MaterialDoubt, StartValues
+from ..types import Body, Grid, MaterialDoubt, StartValues
 from .prepared import Prepared
+from .problem import Problem
 from .unknowns import checked_hold
 
 FILE = "recovery.npz"
@@ -22,6 +23,12 @@ TOLD = {
     "points": "real N 3", "part": "whole N", "volume": "positive N", "young": "gap N", "force": "real T N 3", "clamped": "truth N",
     "young_solver": "?positive N", "apparent_stiffness": "?positive", "engine": "?text", **shapes.DAMPING,
 }  # fmt: skip
+ON_NODES = {  # of a force on the nodes of a grid, beside TOLD
+    "mpm_node": "whole M", "mpm_node_force": "real t M 3", "grid_origin": "real 3", "grid_dx": "positive", "grid_size": "whole 3", "grid_clamp_index": "whole",
+    "world_from_body": "real 4 4",
+}  # fmt: skip
+SAME_POSE = 1e-3  # of a cell, and of a radian, by which grids and bodies that are the same may differ [numerical]
+NET_ALONE = "fit.prescribe: the force there varies over the body, of which the net force of each frame alone is taken, as that of a {} force."
 NOT_IDENTIFIED = "told by fit.prescribe, where it is not identified: it is the modulus that the simulation there moved with."
 
 
@@ -31,7 +38,9 @@ def told_by(settings: Settings) -> dict[str, np.ndarray] | None:
         return None
     found = store.read_arrays(_file(settings.fit.prescribe), "fit.prescribe", cure="give the folder of a result")
     try:
-        shapes.check(found, TOLD)
+        sizes = shapes.check(found, TOLD)
+        if "mpm_node_force" in found:
+            shapes.check(found, ON_NODES, {"t": sizes["T"] - 1})
     except shapes.MisshapenError as error:
         raise InputError(f"fit.prescribe {_file(settings.fit.prescribe)}: {error}; give the folder of a result") from error
     return found
@@ -41,7 +50,7 @@ def prescribed(prepared: Prepared, settings: Settings, told: dict[str, np.ndarra
     """The clip with what a result (`told_by`) tells of the blocks that fit.hold names; unchanged where nothing is prescribed.
 
     E [Pa] of a part is the mean of its logarithm over the volume, where it is not identified that of the modulus that the result moved with; the force [N/m^3] of a frame is the amplitude of the start values' family
-    with the told net force. Densities and Poisson's ratios are told by scene.density_kg_m3 and scene.poisson_ratio. Raises InputError for a
+    with the told net force, or where forces act on nodes there and here, the told ones (`push_as_told`) under the damping that they had. Densities and Poisson's ratios are told by scene.density_kg_m3 and scene.poisson_ratio. Raises InputError for a
     file that does not fit the clip.
     """
     if told is None:
@@ -55,14 +64,33 @@ def prescribed(prepared: Prepared, settings: Settings, told: dict[str, np.ndarra
         sd, exact = np.where(known, TOLD_SD, GUESS_SD), MaterialDoubt.none(body.parts)  # whatever the densities are
         start = replace(start, young=young, log10_young_sd=sd, material=exact, identified=known, reasons=reasons, young_lower=np.full(body.parts, np.nan))
         notes += [f"Young's modulus of part {number}: {NOT_IDENTIFIED}" for number in np.flatnonzero(~known) + 1]
-    if "damping" in held:
+    on_nodes = "force" in held and "mpm_node_force" in told and settings.experiment.force_frame == "nodes"
+    if "damping" in held or on_nodes:
         start = replace(start, damping=Damping.of_stored(told))
     if "force" in held:
         _require_frames(told, settings, len(prepared.clip))
-        force = _amplitudes(told, body, start)
+        force = np.zeros_like(start.force) if on_nodes else _amplitudes(told, body, start)
+        if not on_nodes and ("mpm_node_force" in told or "mpm_field_force" in told):
+            notes.append(NET_ALONE.format(start.footprint.family))
         start = replace(start, force=force, forced=np.abs(force).max(1) > 0)
     clip = replace(prepared.clip, notes=(*prepared.clip.notes, *notes))
     return replace(prepared, clip=clip, start=start)
+
+
+def push_as_told(problem: Problem, settings: Settings, told: dict[str, np.ndarray] | None) -> None:
+    """Where forces act on nodes and fit.hold names them, those of a result (`told_by`) that has such act again. Raises InputError where they are nodes of another grid."""
+    forward, grid = problem.forward, problem.disc.grid
+    if told is None or "mpm_node_force" not in told or "force" not in problem.layout.held or forward.nodes is None:
+        return
+    there = Grid(told["grid_origin"], float(told["grid_dx"]), tuple(told["grid_size"].tolist()), int(told["grid_clamp_index"]))
+    near = np.abs(there.origin - grid.origin).max() < SAME_POSE * grid.dx and np.abs(told["world_from_body"] - problem.prepared.body.world_from_body).max() < SAME_POSE
+    number = forward.nodes.number.cpu().numpy()
+    if not (near and there.size == grid.size and there.clamp_index == grid.clamp_index and np.array_equal(told["mpm_node"], number)):
+        each = "; here ".join(f"{count} of {' x '.join(map(str, g.size))}, {1e3 * g.dx:.2f} mm apart" for count, g in ((len(told["mpm_node"]), there), (len(number), grid)))
+        raise InputError(
+            f"fit.prescribe {_file(settings.fit.prescribe)}: its force acts on nodes of another grid or body ({each}); give a result of the same clip, scene, experiment.grid_nodes and particles"
+        )
+    forward.told_force = forward.simulator.tensor(told["mpm_node_force"])
 
 
 def _file(path: str | None) -> Path:

@@ -18,7 +18,7 @@ from .clock import Clock
 from .fit import ended, fit
 from .model import Model
 from .prepared import Prepared
-from .prescribed import prescribed, told_by
+from .prescribed import prescribed, push_as_told, told_by
 from .problem import Problem, pose_problem
 from .published import as_published
 from .second_reading import fitted_again
@@ -50,6 +50,7 @@ def solve(
     yield Progress("plan", text="choosing cells and particles")
     _repeatable(usable(settings.fit.device))
     problem = pose_problem(divided(prepared, zones), splats, settings, behind=behind, start_scale=start_scale)
+    push_as_told(problem, settings, told)
     yield Progress("plan", text=_described(problem))
     model = Model(problem)
     if checkpoint.first is None:

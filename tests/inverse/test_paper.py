@@ -20,6 +20,7 @@ from diffphys_ros.inverse.fit import fit
 from diffphys_ros.inverse.material_prior import of_parts
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.prepared import Prepared
+from diffphys_ros.inverse.prescribed import prescribed, told_by
 from diffphys_ros.inverse.problem import Problem, pose_problem
 from diffphys_ros.inverse.published import MOST_STRAIN, as_published
 from diffphys_ros.inverse.stages import schedule
@@ -228,6 +229,29 @@ def test_a_held_force_is_the_told_one_and_acts_on_nodes(filmed: Prepared) -> Non
         motion = Model(problem)().motion
     told = filmed.start.force[:-1, 1]
     assert motion.node_force[..., 1].abs().max().item() == pytest.approx(np.abs(told).max(), rel=1e-5)
+
+
+def test_a_held_force_that_an_earlier_result_tells_on_nodes_acts_there_again_and_repeats_its_motion(filmed: Prepared, tmp_path: Path) -> None:
+    quick = {"experiment__transition_iterations": 4, "experiment__field_iterations": 1}  # the second ends where it begins
+    earlier = drive(solve(filmed, speckled(), settings(fit__hold=["density", "damping", "young"], **quick)))[1]
+    result.save(earlier, filmed.clip, settings(), tmp_path)
+    told = {"fit__hold": ["density", "damping", "force"], "fit__prescribe": str(tmp_path)}
+    again = drive(solve(filmed, speckled(), settings(**told, **quick)))[1]
+    moved = np.abs(earlier.trajectory - earlier.trajectory[0]).max()
+    assert np.abs(earlier.simulation.node_force).max() > 10 * np.abs(earlier.simulation.node_force.mean(1)).max()  # no uniform force
+    np.testing.assert_allclose(again.simulation.node_force, earlier.simulation.node_force, rtol=1e-6)
+    np.testing.assert_allclose(again.trajectory, earlier.trajectory, atol=1e-4 * moved)
+    assert again.metrics["psnr_masked"] == pytest.approx(earlier.metrics["psnr_masked"], abs=0.01)
+    with pytest.raises(InputError, match=r"its force acts on nodes of another grid or body .* mm apart; here \d+ of"):
+        drive(solve(filmed, speckled(), settings(**told, **quick | {"experiment__cells": 4})))
+
+
+def test_of_a_told_force_on_nodes_only_the_net_force_acts_where_forces_act_on_particles_and_that_is_said(filmed: Prepared, recovery, tmp_path: Path) -> None:
+    result.save(recovery, filmed.clip, settings(), tmp_path)
+    asked = settings(fit__hold=["density", "damping", "force"], fit__prescribe=str(tmp_path), experiment__force_frame="rest")
+    found = prescribed(filmed, asked, told_by(asked))
+    assert "the net force of each frame alone is taken, as that of a uniform force" in found.clip.notes[-1]
+    assert np.abs(found.start.force).max() > 0
 
 
 def test_what_cannot_be_asked_for_is_refused(filmed: Prepared) -> None:
