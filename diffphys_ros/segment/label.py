@@ -21,6 +21,7 @@ from .prompt import NO_MARK, Mark
 from .propagate import MATCHING, SPACING_PX, propagate
 from .regions import pixel_grid
 from .sam import sam_mask
+from .sam_parts import sam_parts
 
 LEAST_SIDE_PX = 32  # of a frame: OpenCV's optical flow reads beyond the images of its pyramid where one is a narrow strip
 
@@ -64,9 +65,16 @@ def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray
     """Label image of frame 0, uint8 (H, W), from a mask that has parts already or is to be split by colour."""
     if np.setdiff1d(np.unique(mask), (0, 1, IGNORE)).size:
         return mask
-    parts = split_parts(clip.frames[0], mask == 1, max_parts=settings.segment.max_parts)
+    parts = sam_parts(clip.frames[0], mask == 1, settings) if _by_model(settings) else None
+    if parts is None:
+        parts = split_parts(clip.frames[0], mask == 1, max_parts=settings.segment.max_parts)
     parts = numbered(parts, _clamp_pixel(clip, settings))
     return np.where(mask == IGNORE, IGNORE, parts).astype(np.uint8)
+
+
+def _by_model(settings: Settings) -> bool:
+    """Whether the segmentation model tells the parts: in the published configuration, where there is one; stiffness is told by parts of one colour."""
+    return settings.experiment.published and bool(settings.segment.model) and settings.segment.max_parts > 1
 
 
 def described(clip: Clip, settings: Settings, labels: np.ndarray) -> str:
@@ -75,8 +83,9 @@ def described(clip: Clip, settings: Settings, labels: np.ndarray) -> str:
         return ""
     method, parts = _method(clip, settings, NO_MARK), int(np.setdiff1d(labels[0], (0, IGNORE)).size)
     told = [name for name, there in (("scene.first_mask", settings.scene.first_mask), ("topics.mask", clip.first_labels is not None)) if there and method != "given"]
+    source = "the segmentation model, else colour" if _by_model(settings) else "colour"
     unread = f"; {' and '.join(told)} not looked at" if told else ""
-    return f"object: {WORDS[method]} (segment.method {settings.segment.method}), {parts} part(s) by colour{unread}"
+    return f"object: {WORDS[method]} (segment.method {settings.segment.method}), {parts} part(s) by {source}{unread}"
 
 
 def _method(clip: Clip, settings: Settings, mark: Mark) -> str:

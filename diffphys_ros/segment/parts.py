@@ -33,7 +33,7 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
         parts = _clustered(colour, mask, count)
         if parts is not None:
             parts = whole_pieces(_redrawn(frame, mask, parts))
-            if all(_stands_for_itself(parts == k + 1, mask) for k in range(count)):
+            if all(stands_for_itself(parts == k + 1, mask) for k in range(count)):
                 return parts
     return mask.astype(np.uint8)
 
@@ -105,7 +105,7 @@ def _is_piece(region: np.ndarray, mask: np.ndarray) -> bool:
     return bool(whole[regions].sum() > LEAST_CONNECTED * region.sum() and region.sum() > LEAST_SHARE * area)
 
 
-def _stands_for_itself(region: np.ndarray, mask: np.ndarray) -> bool:
+def stands_for_itself(region: np.ndarray, mask: np.ndarray) -> bool:
     """Whether a part covers enough of the object, and more where most of its outline lies inside the object."""
     share = region.sum() / mask.sum()
     around = (cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~region

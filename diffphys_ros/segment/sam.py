@@ -67,6 +67,24 @@ def offered(model: Any, config: Any, frame: np.ndarray, prompt: Prompt) -> tuple
     return np.stack([fit.mask(logit) for logit in logits]), output.iou_scores[0, 0].float().cpu().numpy()
 
 
+def offered_at(model: Any, config: Any, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The masks (P, M, H, W) bool that a network offers for each of P points (u, v) [px] in an RGB frame (H, W, 3) by itself, which it looks at once, and its
+    estimates of their IoU (P, M)."""
+    import torch
+
+    fit = _Fit.of(frame.shape, int(config.prompt_encoder_config.image_size), keep_aspect=config.model_type in KEEPS_ASPECT)
+    device = next(model.parameters()).device
+    inputs = {
+        "pixel_values": torch.as_tensor(fit.pixels(frame))[None],
+        "input_points": torch.as_tensor((points * fit.scale)[None, :, None], dtype=torch.float32),
+        "input_labels": torch.ones((1, len(points), 1), dtype=torch.long),
+    }
+    with torch.no_grad():
+        output = model(**{key: value.to(device) for key, value in inputs.items()}, multimask_output=True)
+    logits = output.pred_masks[0].float().cpu().numpy()
+    return np.stack([[fit.mask(logit) for logit in each] for each in logits]), output.iou_scores[0].float().cpu().numpy()
+
+
 @dataclass(frozen=True)
 class _Fit:
     """How an image of height x width lies in the square that a network sees."""
