@@ -37,6 +37,7 @@ from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
 CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN = "choice", "confirmation", "first", "kinds", "evidence", "known"
+OF_COMMITS = (CONFIRMATION, FIRST)  # sets whose seeds follow from a commit
 NOT_SIMULATED = ("--experiment.schedule", "linear")  # words for the batch, of first answers
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
 NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of the generator's own scenes
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
 def rows_of(out: Path, sources: str, *, clean: bool = True) -> tuple[str, list[dict[str, Any]]]:
     """Name of the set, and a row for every clip of a run. Raises InputError for other sources, seeds that nobody may choose, unfinished runs."""
     about = json.loads((out / ABOUT).read_text())
-    if clean and about["set"] in (CONFIRMATION, FIRST) and about["seeds"] != confirmation_seeds(_full(about["commit"]), len(about["seeds"])):
+    if clean and about["set"] in OF_COMMITS and about["seeds"] != confirmation_seeds(_full(about["commit"]), len(about["seeds"])):
         raise InputError(f"{out}: its seeds are not those of commit {about['commit'][:7]}")
     rows = []
     for folder in sorted((out / "results").glob("g*-*")):
@@ -106,7 +107,7 @@ def _set_of(kind: str) -> str:
 
 
 def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    before = json.loads(_path(name).read_text()) if _path(name).exists() and name not in (CONFIRMATION, FIRST) else []
+    before = json.loads(_path(name).read_text()) if _path(name).exists() and name not in OF_COMMITS else []
     return list(({row["name"]: row for row in before} | {row["name"]: row for row in made}).values())
 
 

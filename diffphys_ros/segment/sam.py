@@ -51,34 +51,24 @@ def sam_mask(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarray
 
 def offered(model: Any, config: Any, frame: np.ndarray, prompt: Prompt) -> tuple[np.ndarray, np.ndarray]:
     """The masks (M, H, W) bool that a network offers for one prompt in an RGB frame (H, W, 3), and its estimate of their IoU (M,)."""
+    points = None if prompt.point is None else prompt.point[None]
+    masks, quality = offered_at(model, config, frame, points, box=prompt.box)
+    return masks[0], quality[0]
+
+
+def offered_at(model: Any, config: Any, frame: np.ndarray, points: np.ndarray | None, *, box: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The masks (P, M, H, W) bool that a network offers in an RGB frame (H, W, 3), which it looks at once, for each of P points (u, v) [px] by itself, or for
+    a box (left, top, right, bottom) [px] and at most one point, and its estimates of their IoU (P, M)."""
     import torch
 
     fit = _Fit.of(frame.shape, int(config.prompt_encoder_config.image_size), keep_aspect=config.model_type in KEEPS_ASPECT)
     device = next(model.parameters()).device
     inputs = {"pixel_values": torch.as_tensor(fit.pixels(frame))[None]}
-    if prompt.box is not None:
-        inputs["input_boxes"] = torch.as_tensor((prompt.box.reshape(2, 2) * fit.scale).reshape(1, 1, 4), dtype=torch.float32)
-    if prompt.point is not None:
-        inputs["input_points"] = torch.as_tensor((prompt.point * fit.scale).reshape(1, 1, 1, 2), dtype=torch.float32)
-        inputs["input_labels"] = torch.ones((1, 1, 1), dtype=torch.long)
-    with torch.no_grad():
-        output = model(**{key: value.to(device) for key, value in inputs.items()}, multimask_output=True)
-    logits = output.pred_masks[0, 0].float().cpu().numpy()
-    return np.stack([fit.mask(logit) for logit in logits]), output.iou_scores[0, 0].float().cpu().numpy()
-
-
-def offered_at(model: Any, config: Any, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The masks (P, M, H, W) bool that a network offers for each of P points (u, v) [px] in an RGB frame (H, W, 3) by itself, which it looks at once, and its
-    estimates of their IoU (P, M)."""
-    import torch
-
-    fit = _Fit.of(frame.shape, int(config.prompt_encoder_config.image_size), keep_aspect=config.model_type in KEEPS_ASPECT)
-    device = next(model.parameters()).device
-    inputs = {
-        "pixel_values": torch.as_tensor(fit.pixels(frame))[None],
-        "input_points": torch.as_tensor((points * fit.scale)[None, :, None], dtype=torch.float32),
-        "input_labels": torch.ones((1, len(points), 1), dtype=torch.long),
-    }
+    if box is not None:
+        inputs["input_boxes"] = torch.as_tensor((box.reshape(2, 2) * fit.scale).reshape(1, 1, 4), dtype=torch.float32)
+    if points is not None:
+        inputs["input_points"] = torch.as_tensor((points * fit.scale)[None, :, None], dtype=torch.float32)
+        inputs["input_labels"] = torch.ones((1, len(points), 1), dtype=torch.long)
     with torch.no_grad():
         output = model(**{key: value.to(device) for key, value in inputs.items()}, multimask_output=True)
     logits = output.pred_masks[0].float().cpu().numpy()

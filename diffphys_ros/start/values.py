@@ -18,7 +18,7 @@ from .clamp_doubt import clamp_doubt
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Belief, Evidence
 from .force import Solution
-from .free_tail import FREQUENCY_SD, Physics, Tail
+from .free_tail import FREQUENCY_SD
 from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
@@ -154,7 +154,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune)
     geometry_sd = np.hypot(_drawn_sd(evidence, clamp_sd), doubt.of_young)
-    sd = np.minimum(np.hypot(_sd_of_tail(tail, fit.physics, bend, geometry_sd, detune), fit.rivals_sd), OPEN_SD) if bend is not None else sd_of_guess(evidence)
+    sd = _sd_of_tail(fit, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))
     reasons = _with_clamp(_reasons(fit, sd, residual, detuning, holds=holds), clamp_sd)
     return StartValues(
@@ -200,11 +200,12 @@ def bounded(values: StartValues, fit: Fit, *, clamp_sd: np.ndarray | float = 0.0
     return replace(values, young_lower=lower, reasons=tuple(said))
 
 
-def _sd_of_tail(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,): what a fit of the free frames leaves open, whose modes were off by `detune` (k,) or held."""
+def _sd_of_tail(fit: Fit, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
+    """Standard deviation of log10 E per part, (n,): what a fit of the free frames and its rivals leave open, whose modes were off by `detune` (k,) or held."""
+    tail, physics = fit.tail, fit.physics
     detuning = detuning_log10_sd(float(np.abs(detune).max(initial=0.0)))
     beyond = np.hypot(detuning, of_shapes(tail, physics, bend)) if tail.detuned else of_held_modes(tail, physics, bend)
-    return np.minimum(np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond), OPEN_SD)
+    return np.minimum(np.hypot(np.hypot(log10_young_sd(tail, physics, bend, geometry_sd, detune), beyond), fit.rivals_sd), OPEN_SD)
 
 
 def sd_of_guess(evidence: Evidence) -> np.ndarray:
