@@ -1,7 +1,7 @@
 """Numbers of the first engine, and of what finds plain objects, that decide something; and an import that multiplies one of them.
 
 The number is multiplied in the source of its module, before the module runs, so that copies of it (`from .free_tail import FREQUENCY_SD`), values made
-of it (`AXES` of `AXIAL_SHARE`) and default arguments follow. It lasts as long as the process.
+of it (`DEARER` of `AXIAL_SHARE`) and default arguments follow. It lasts as long as the process.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ LISTED = {  # by module; NAME<=x: more makes no sense. Left out: units, toleranc
     "start.evidence": "STILL",
     "start.values": "ALARM_NOISE ALARM_SHARE<=1 MOST_DETUNING WIDEST_SD AGREEMENT",
     "start.free_tail": "MODEL_ERROR FREQUENCY_SD RATIO_SD MASS_DAMPING_SD STIFFNESS_DAMPING_SD DETUNED",
-    "start.force": "FORCE_SD FORCE_STEP_SD AXIAL_SHARE<=1 EDGE_GAIN EDGE_SHARE<=1",
+    "start.force": "FORCE_SD FORCE_STEP_SD EDGE_GAIN EDGE_SHARE<=1",
+    "start.along": "AXIAL_SHARE<=1",
     "start.uncertainty": "SILHOUETTE_PX",
     "start.densities": "DENSITY_CONTRAST",
     "start.stages": "SPARSITY[3] ACTIVE<=1",

@@ -80,11 +80,12 @@ def camera() -> Camera:
     return Camera(np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]]), pose, 320, 240, "camera", "world")
 
 
-def tracks(modal: ModalModel, q: np.ndarray, *, seed: int = 0, count: int = 200, depth: bool = True) -> Tracks:
-    """Noisy points of the front face; without depth they keep the depth of frame 0."""
+def tracks(modal: ModalModel, q: np.ndarray, *, seed: int = 0, count: int = 200, depth: bool = True, points: np.ndarray | None = None) -> Tracks:
+    """Noisy points (M, 3), of the front face where none are given; without depth they keep the depth of frame 0."""
     rng = np.random.default_rng(seed)
     size = modal.nodes.max(0)
-    points = np.column_stack([rng.uniform(0.1, 0.98, count) * size[0], rng.uniform(-0.95, 0.95, count) * size[1], np.full(count, size[2])])
+    if points is None:
+        points = np.column_stack([rng.uniform(0.1, 0.98, count) * size[0], rng.uniform(-0.95, 0.95, count) * size[1], np.full(count, size[2])])
     path = points + np.einsum("mcr,tr->tmc", modal.evaluate(points)[0], q - q[:1])
     noise = NOISE_M * rng.standard_normal(path.shape) + COHERENT_M * rng.standard_normal((len(q), 1, 3))
     noise[0] = 0.0

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..start.force import AXES
 from ..types import StartValues
 from .unknowns import Layout
 
@@ -33,9 +32,10 @@ class Prior:
     SMOOTH = 3e-4
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, precision: np.ndarray | None = None) -> Prior:
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, costs: np.ndarray, precision: np.ndarray | None = None) -> Prior:
         """Priors about the start values (log E, damping) and about zero (changes of the force). The search may begin
-        `start_scale` times off the start values; the prior stays where they are. `precision` (n, n) is the inverse covariance of
+        `start_scale` times off the start values; the prior stays where they are. `costs` (3, 3) price a force by its
+        direction (start/along.py). `precision` (n, n) is the inverse covariance of
         log E where more is known than the standard deviations."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
@@ -47,7 +47,7 @@ class Prior:
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
         per_frame = cls.SMOOTH * difference.T @ difference
-        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, np.diag(AXES**2))
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, costs @ costs)
         at = layout.slices
         hessian[at["density"], at["density"]] = cls.DENSITY * np.eye(n)
         hessian[at["poisson"], at["poisson"]] = cls.POISSON * np.eye(n)

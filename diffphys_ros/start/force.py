@@ -20,8 +20,6 @@ from .free_tail import Physics, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
-AXIAL_SHARE = 0.05  # of both along the body: a slender body hardly moves along its axis, so that tracking errors would rule [chosen]
-AXES = np.array([1 / AXIAL_SHARE, 1.0, 1.0])  # how much more a force costs along the body than across it
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest [chosen]
 EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak [chosen]
 REFINEMENTS = 8  # steps of the fit to all frames [numerical]
@@ -73,6 +71,7 @@ class ForceProblem:
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
+    costs: np.ndarray  # of a force by its direction (start/along.py), (3, 3)
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -91,7 +90,7 @@ class ForceProblem:
     def _calm(self) -> np.ndarray:
         """Rows of the priors, which are the same whatever the physics and the footprint."""
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
-        return _calming(self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial)
+        return _calming(self.heaviness[self.allowed], self.costs, 3 * int(self.allowed.sum()) + 2 * initial)
 
     @cached_property
     def _target(self) -> np.ndarray:
@@ -218,11 +217,11 @@ def _shifted(flags: np.ndarray, by: int) -> np.ndarray:
     return np.r_[False, flags[:-1]] if by > 0 else np.r_[flags[1:], False]
 
 
-def _calming(heaviness: np.ndarray, unknowns: int) -> np.ndarray:
-    """Rows of the priors on the force amplitudes: size, weighted frame by frame (F,), and change from frame to frame."""
+def _calming(heaviness: np.ndarray, costs: np.ndarray, unknowns: int) -> np.ndarray:
+    """Rows of the priors on the force amplitudes: size, weighted frame by frame (F,) and by direction (3, 3), and change from frame to frame."""
     frames = len(heaviness)
     size = np.eye(3 * frames, unknowns)
-    size[:, : 3 * frames] = np.kron(np.diag(np.sqrt(heaviness)), np.diag(AXES)) / FORCE_SD
-    change = np.kron(np.diff(np.eye(frames), axis=0), np.diag(AXES)) / FORCE_STEP_SD
+    size[:, : 3 * frames] = np.kron(np.diag(np.sqrt(heaviness)), costs) / FORCE_SD
+    change = np.kron(np.diff(np.eye(frames), axis=0), costs) / FORCE_STEP_SD
     initial = np.eye(unknowns)[3 * frames :]
     return np.vstack([size, np.pad(change, ((0, 0), (0, unknowns - 3 * frames))), initial])

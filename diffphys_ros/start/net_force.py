@@ -15,6 +15,7 @@ import numpy as np
 
 from ..footprints import Footprint
 from ..modes.model import ModalModel
+from .along import along_of
 from .densities import DENSITY_CONTRAST
 from .force import ForceProblem, Solution
 from .free_tail import Physics
@@ -151,10 +152,13 @@ class _Doubt:
         """Covariance (3 F, 3 F) of forces as large as the one found: across the body as much as about each frame, along it ALONG of that."""
         frames = np.flatnonzero(self.whole.allowed)
         near = _alike(frames, 1.0)
-        across = near @ (self.force.reshape(-1, 3)[:, 1:] ** 2).sum(1) / near.sum(1)
-        across += np.diag(found).reshape(-1, 3)[:, 1:].sum(1)
-        size = np.sqrt(across)[:, None] * (ALONG, np.sqrt(0.5), np.sqrt(0.5))
-        return np.einsum("ic,ij,jd,cd->icjd", size, _alike(frames, ALIKE_FRAMES), size, np.eye(3)).reshape(2 * [size.size])
+        along = along_of(self.fit.evidence.body)
+        beside = np.eye(3) - np.outer(along, along)
+        across = near @ ((self.force.reshape(-1, 3) @ beside) ** 2).sum(1) / near.sum(1)
+        across += np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), beside)
+        size = np.sqrt(across)
+        share = ALONG**2 * np.outer(along, along) + 0.5 * beside
+        return np.einsum("i,ij,j,cd->icjd", size, _alike(frames, ALIKE_FRAMES), size, share).reshape(2 * [3 * len(frames)])
 
     def by_physics(self, log10_young_sd: np.ndarray) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of independent combinations of stiffness and damping."""

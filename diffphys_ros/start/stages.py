@@ -15,7 +15,7 @@ from ..footprints import Footprint
 from ..modes.model import ModalModel
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, bridged
 from .evidence import Evidence
-from .force import AXES, ForceProblem, nothing
+from .force import ForceProblem, nothing
 from .free_tail import Physics, Tail
 from .place import best_footprint
 
@@ -236,7 +236,7 @@ def guessed(young: np.ndarray) -> Physics:
 
 def _sparse(fit: Fit, *, weight: float) -> Fit:
     """A round of a force that is sparse in time: the weight of each frame's size comes from the force of the round before."""
-    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force * AXES, axis=1) / fit.whole.force_unit
+    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force @ fit.whole.costs, axis=1) / fit.whole.force_unit
     fit = replace(fit, heaviness=weight / np.hypot(size, ROUNDING))
     physics = fit.whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
     return replace(fit, physics=physics, force=fit.whole.solve(physics, fit.load).force)

@@ -65,7 +65,7 @@ def test_each_number_of_the_list_exists_is_explained_and_differs_from_its_half_o
 def test_a_multiplied_number_reaches_copies_values_made_of_it_and_default_arguments() -> None:
     of_frequency = ["start.free_tail:FREQUENCY_SD", "start.uncertainty:FREQUENCY_SD", "start.values:FREQUENCY_SD"]
     assert seen("start.free_tail:FREQUENCY_SD", 2.0, *of_frequency) == [0.012, 0.012, 0.012]
-    assert seen("start.force:AXIAL_SHARE", 0.5, "start.force:AXES.tolist()") == [[40.0, 1.0, 1.0]]
+    assert seen("start.along:AXIAL_SHARE", 0.5, "start.along:DEARER") == [40.0]
     assert seen("start.zones:LEVELS[2]", 2.0, "start.zones:LEVELS", "start.zones:_ZoneFit.settled.__kwdefaults__") == [[0.4, 0.2, 0.2], {"levels": [0.2]}]
 
 

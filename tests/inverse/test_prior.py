@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from diffphys_ros.config import Settings
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.prior import Prior
+from diffphys_ros.inverse.problem import pose_problem
 from diffphys_ros.inverse.unknowns import Layout
+from diffphys_ros.start.along import DEARER, along_of, costs_of
 
 
 @pytest.fixture
@@ -18,7 +21,7 @@ def cost(prepared: Prepared):
     """cost("young", value): of one unknown that is off by so much while all others are as believed."""
     start = replace(prepared.start, track_cost=0.0)
     layout = Layout.of(start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
-    prior = Prior.of(layout, start, start_scale=1.0)
+    prior = Prior.of(layout, start, start_scale=1.0, costs=costs_of(along_of(prepared.body)))
 
     def of(block: str, value: float) -> float:
         z = np.zeros(layout.size)
@@ -37,3 +40,18 @@ def test_a_density_that_is_15_percent_off_costs_what_a_modulus_costs_that_is_a_s
 def test_poisson_s_ratio_costs_as_much_where_it_is_a_twentieth_off(prepared: Prepared, cost) -> None:
     one = cost("young", float(np.log(10) * prepared.start.log10_young_sd[0]))
     assert cost("poisson", 1.0) == pytest.approx(one)  # in units of .05
+
+
+def test_a_force_along_a_bar_that_leaves_its_held_face_askew_costs_more_and_one_across_does_not(prepared: Prepared, quick_settings: Settings) -> None:
+    body, lean = prepared.body, np.deg2rad(12.0)
+    x, y = np.meshgrid(*(start + body.pitch_m * np.arange(count) for start, count in zip(body.origin, body.inside.shape, strict=True)), indexing="ij")
+    askew = replace(body, inside=np.abs(np.cos(lean) * (y + 0.03) - np.sin(lean) * x) < 0.015)
+    problem = pose_problem(replace(prepared, body=askew), None, quick_settings)
+    first = problem.layout.force_slice.start
+
+    def cost(*way: float) -> float:
+        return float(np.array(way) @ problem.objective.prior.hessian[first : first + 3, first : first + 3] @ way)
+
+    across = cost(-np.sin(lean), np.cos(lean), 0.0)
+    assert cost(np.cos(lean), np.sin(lean), 0.0) == pytest.approx(DEARER**2 * cost(0.0, 0.0, 1.0), rel=0.02)
+    assert across == pytest.approx(cost(0.0, 0.0, 1.0), rel=0.2)

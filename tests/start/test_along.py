@@ -1,0 +1,89 @@
+"""A force along a body, which hardly moves it, where the body leaves its held face askew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.damping import Damping
+from diffphys_ros.modes import ModalModel
+from diffphys_ros.start.along import along_of
+from diffphys_ros.start.evidence import Evidence
+from diffphys_ros.start.free_tail import Physics
+from diffphys_ros.start.net_force import net_force_doubt
+from diffphys_ros.start.stages import Fit
+from diffphys_ros.types import Body
+from diffphys_ros.vibration.coordinates import observe
+from diffphys_ros.vibration.forced_frames import Support
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
+
+LEAN = np.deg2rad(22.0)
+ALONG = np.array([np.cos(LEAN), np.sin(LEAN), 0.0])
+ACROSS = np.array([-np.sin(LEAN), np.cos(LEAN), 0.0])
+DEPTH = np.array([0.0, 0.0, 1.0])
+ONE = YOUNG[:1]
+
+
+def leaning(*, length: float = 0.3, height: float = 0.06, pitch: float = 2e-3) -> Body:
+    """A bar of one material that leaves the held plane x = 0 askew."""
+    straight = bar(length=length, height=2 * (height + length * np.tan(LEAN)), thickness=0.05, edges=(), pitch=pitch)
+    x, y = np.meshgrid(*(start + pitch * np.arange(count) for start, count in zip(straight.origin, straight.inside.shape, strict=True)), indexing="ij")
+    return replace(straight, inside=np.abs(np.cos(LEAN) * y - np.sin(LEAN) * x) < height / 2)
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return leaning()
+
+
+@pytest.fixture(scope="module")
+def modal(body: Body) -> ModalModel:
+    return modes_of(body, ONE)
+
+
+def fit_of(body: Body, modal: ModalModel, force: np.ndarray) -> Fit:
+    """The fit to a motion under a uniform force (T, 3) whose physics and forced frames are right."""
+    seen = tracks(modal, motion(modal, ONE, force), points=modal.nodes[modal.nodes[:, 2] > 0.99 * modal.nodes[:, 2].max()])
+    forced = np.zeros(FRAMES, bool)
+    forced[FORCED] = True
+    support = Support(forced, True, modal.frequencies(ONE), np.zeros(modal.modes), 0.0)
+    return Fit(Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True)), modal, support, Physics(ONE, Damping(0.0, BETA), np.zeros(0)))
+
+
+def found(fit: Fit) -> np.ndarray:
+    """The uniform force (T, 3)."""
+    return fit.whole.solve(fit.physics, fit.load).force
+
+
+def test_a_gust_across_a_bar_that_leaves_its_held_face_askew_keeps_its_direction(body: Body, modal: ModalModel) -> None:
+    true = gust(tuple(0.8 * ACROSS + 0.6 * DEPTH))
+    off = found(fit_of(body, modal, true)) - true
+    assert np.linalg.norm(off) < 0.1 * np.linalg.norm(true)
+
+
+def test_a_gust_along_such_a_bar_which_hardly_moves_it_is_taken_to_be_none(body: Body, modal: ModalModel) -> None:
+    true = gust(tuple(0.3 * ALONG + 0.8 * ACROSS + 0.5 * DEPTH))
+    force = found(fit_of(body, modal, true))
+    assert np.linalg.norm(force @ ALONG) < 0.1 * np.linalg.norm(true @ ALONG)
+
+
+def test_a_force_along_such_a_bar_has_the_deviation_of_what_is_not_seen(body: Body, modal: ModalModel) -> None:
+    doubt = net_force_doubt(fit_of(body, modal, gust(tuple(ACROSS))), np.full(1, 0.01))
+    unseen = np.einsum("fcfd->cd", doubt.unseen.reshape(2 * [len(doubt.frames), 3]))
+    along, across = (np.sqrt(way @ unseen @ way) / np.linalg.norm(doubt.found) for way in (ALONG, ACROSS))
+    assert 0.22 < along < 0.29, along
+    assert across < 0.2 * along
+
+
+@pytest.mark.parametrize("reach", [0.3, 0.5])
+def test_a_branch_does_not_turn_what_is_along_the_stem(reach: float) -> None:
+    stem = bar(length=0.3, height=0.3, edges=())
+    x, y = np.meshgrid(*(start + stem.pitch_m * np.arange(count) for start, count in zip(stem.origin, stem.inside.shape, strict=True)), indexing="ij")
+    branch = (np.abs(x - 0.2) < 0.025) & (y > 0) & (y < reach * 0.3)
+    np.testing.assert_allclose(along_of(replace(stem, inside=(np.abs(y) < 0.025) | branch)), [1, 0, 0], atol=1e-9)
+
+
+def test_a_body_that_nothing_holds_has_its_frame_s_way_along() -> None:
+    np.testing.assert_array_equal(along_of(replace(leaning(), clamped=False)), [1, 0, 0])
