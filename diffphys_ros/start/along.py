@@ -29,3 +29,8 @@ def along_of(body: Body) -> np.ndarray:
 def costs_of(along: np.ndarray) -> np.ndarray:
     """Matrix (3, 3) whose product with a force has the size at which that force is priced: DEARER times its own along the body, its own across."""
     return np.eye(3) + (DEARER - 1) * np.outer(along, along)
+
+
+def beside(along: np.ndarray) -> np.ndarray:
+    """Matrix (3, 3) that leaves of a force what acts across the body."""
+    return np.eye(3) - np.outer(along, along)

@@ -12,7 +12,7 @@ from ..modes.model import ModalModel
 from ..types import Body, Tracks
 from ..vibration.coordinates import Motion, Projection
 from ..vibration.forced_frames import Support
-from .along import along_of, costs_of
+from .along import along_of
 from .densities import Densities
 from .force import ForceProblem
 from .free_tail import DETUNED, MODEL_ERROR, Tail
@@ -104,4 +104,4 @@ class Evidence:
         unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
         seen = Projection.of_tracks(self.motion, modal) if support.allowed.any() else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
-        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)), costs_of(along_of(self.body)))
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)), along_of(self.body))

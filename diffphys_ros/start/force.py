@@ -16,6 +16,7 @@ from ..modes.interpolation import quadrature
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
+from .along import beside, costs_of
 from .free_tail import Physics, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
@@ -71,7 +72,8 @@ class ForceProblem:
     force_unit: float  # accelerations seen times density [N/m^3]
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
-    costs: np.ndarray  # of a force by its direction (start/along.py), (3, 3)
+    along: np.ndarray  # unit vector along the body (start/along.py), (3,)
+    expected: np.ndarray | None = None  # rows (k, F) of what is expected of the force along the body in the allowed frames, over its unit; None: as of any, but dearer
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -90,7 +92,11 @@ class ForceProblem:
     def _calm(self) -> np.ndarray:
         """Rows of the priors, which are the same whatever the physics and the footprint."""
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
-        return _calming(self.heaviness[self.allowed], self.costs, 3 * int(self.allowed.sum()) + 2 * initial)
+        heaviness, unknowns = self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial
+        if self.expected is None:
+            return _calming(heaviness, costs_of(self.along), unknowns)
+        rows = np.kron(self.expected, self.along)
+        return np.vstack([_calming(heaviness, beside(self.along), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
 
     @cached_property
     def _target(self) -> np.ndarray:
@@ -113,10 +119,14 @@ class ForceProblem:
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
         step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
-        unit = self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint)
+        unit = self.unit_of(footprint)
         initial_unit = self._initial_unit(omega2)
         design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
-        return System(design, float(unit), initial_unit, shapes)
+        return System(design, unit, initial_unit, shapes)
+
+    def unit_of(self, footprint: np.ndarray) -> float:
+        """Of the amplitudes under modal loads `footprint` (r, 3), which then move the body as far as uniform ones [N/m^3]."""
+        return float(self.force_unit * np.linalg.norm(self.uniform_load) / np.linalg.norm(footprint))
 
     def gain(self, system: System) -> tuple[np.ndarray, np.ndarray]:
         """How the unknowns that `solve` finds follow the motion [1/m], (u, K, d) over the known frames, and the true unknowns, (u, u): less than the identity by what

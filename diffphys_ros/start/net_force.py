@@ -15,8 +15,9 @@ import numpy as np
 
 from ..footprints import Footprint
 from ..modes.model import ModalModel
-from .along import along_of
+from .along import beside
 from .densities import DENSITY_CONTRAST
+from .expected import ALONG, across_squared, alike, together
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import density_changes
@@ -24,8 +25,6 @@ from .place import QUARTER, before, counts_once, leading_frames, probabilities
 from .stages import Fit
 from .uncertainty import Bend
 
-ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that across, which is seen [chosen]
-ALIKE_FRAMES = 2.0  # standard deviation of the correlation of a force over frames [chosen]
 MISSED_PERIODS = 0.1  # the same of what a frame misses, over the leading period: a quarter of one then counts once [derived: sqrt(2 pi) of it]
 UNLIKELY = 1e-4  # probability of a place below which it is left out [numerical]
 DRAWS = 200  # pairs of opposite draws, of the largest force [numerical]
@@ -94,7 +93,12 @@ class _Doubt:
 
     @cached_property
     def whole(self) -> ForceProblem:
-        return self.fit.whole
+        return self.fit.last(missed=self.told_squared)
+
+    @property
+    def told_squared(self) -> float:
+        """Square of what a frame is told to miss, over its sigma."""
+        return ((self.told_m or 0.0) / self.fit.whole.sigma_m) ** 2
 
     @cached_property
     def solution(self) -> Solution:
@@ -134,8 +138,8 @@ class _Doubt:
         known = np.flatnonzero(self.whole.known)
         shapes = np.linalg.svd(self.whole.seen.data[known], full_matrices=False)[2][: self.fit.evidence.motion.shapes.shape[2]]
         followed = [gain @ shape for shape in shapes]
-        alike = _alike(known, MISSED_PERIODS * self.leading_frames) * self.missed_m**2 / max(len(shapes), 1)
-        return sum((each @ alike @ each.T for each in followed), np.zeros((len(gain), len(gain))))
+        same = alike(known, MISSED_PERIODS * self.leading_frames) * self.missed_m**2 / max(len(shapes), 1)
+        return sum((each @ same @ each.T for each in followed), np.zeros((len(gain), len(gain))))
 
     @property
     def missed_m(self) -> float:
@@ -151,14 +155,9 @@ class _Doubt:
     def _true(self, found: np.ndarray) -> np.ndarray:
         """Covariance (3 F, 3 F) of forces as large as the one found: across the body as much as about each frame, along it ALONG of that."""
         frames = np.flatnonzero(self.whole.allowed)
-        near = _alike(frames, 1.0)
-        along = along_of(self.fit.evidence.body)
-        beside = np.eye(3) - np.outer(along, along)
-        across = near @ ((self.force.reshape(-1, 3) @ beside) ** 2).sum(1) / near.sum(1)
-        across += np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), beside)
-        size = np.sqrt(across)
-        share = ALONG**2 * np.outer(along, along) + 0.5 * beside
-        return np.einsum("i,ij,j,cd->icjd", size, _alike(frames, ALIKE_FRAMES), size, share).reshape(2 * [3 * len(frames)])
+        along = self.whole.along
+        across = across_squared(self.force.reshape(-1, 3), frames, along) + np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), beside(along))
+        return np.kron(together(across, frames), ALONG**2 * np.outer(along, along) + 0.5 * beside(along))
 
     def by_physics(self, log10_young_sd: np.ndarray) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of independent combinations of stiffness and damping."""
@@ -198,7 +197,7 @@ class _Doubt:
         return np.array(found).reshape(-1, len(self.force)).T
 
     def _net_under(self, physics: Physics, modal: ModalModel | None) -> np.ndarray:
-        whole = self.whole if modal is None else replace(self.fit, modal=modal).whole
+        whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).whole, expected=self.whole.expected)
         return self._net(whole.solve(physics, whole.footprint_load(self.fit.footprint)), self.fit.footprint)
 
     def by_place(self) -> tuple[np.ndarray, np.ndarray]:
@@ -206,15 +205,10 @@ class _Doubt:
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve(self.fit.physics, self.whole.footprint_load(place)) for place in places]
-        missed = max(self.solution.cost / self.whole.known.sum(), ((self.told_m or 0.0) / self.whole.sigma_m) ** 2)
+        missed = max(self.solution.cost / self.whole.known.sum(), self.told_squared)
         weight = probabilities(np.array([each.cost for each in found]), before(len(places)), counts_once(self.whole, self.fit.physics, missed))
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
-
-
-def _alike(frames: np.ndarray, width: float) -> np.ndarray:
-    """Correlations (F, F) of frames (F,), Gaussian with a standard deviation of so many."""
-    return np.exp(-0.5 * ((frames[:, None] - frames) / width) ** 2)
 
 
 def _shares(steps: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:

@@ -14,7 +14,9 @@ from ..damping import Damping
 from ..footprints import Footprint
 from ..modes.model import ModalModel
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, bridged
+from .along import costs_of
 from .evidence import Evidence
+from .expected import expecting
 from .force import ForceProblem, nothing
 from .free_tail import Physics, Tail
 from .place import best_footprint
@@ -82,6 +84,10 @@ class Fit:
         """The problem of all frames."""
         problem = self.evidence.whole(self.modal, self.support)
         return problem if self.heaviness is None else replace(problem, heaviness=self.heaviness)
+
+    def last(self, *, missed: float = 0.0) -> ForceProblem:
+        """The same once physics and place are found, with what is expected along the body; arguments as for `expecting`."""
+        return expecting(self.whole, self.physics, self.load, missed=missed)
 
     @property
     def load(self) -> np.ndarray:
@@ -236,7 +242,7 @@ def guessed(young: np.ndarray) -> Physics:
 
 def _sparse(fit: Fit, *, weight: float) -> Fit:
     """A round of a force that is sparse in time: the weight of each frame's size comes from the force of the round before."""
-    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force @ fit.whole.costs, axis=1) / fit.whole.force_unit
+    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force @ costs_of(fit.whole.along), axis=1) / fit.whole.force_unit
     fit = replace(fit, heaviness=weight / np.hypot(size, ROUNDING))
     physics = fit.whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
     return replace(fit, physics=physics, force=fit.whole.solve(physics, fit.load).force)

@@ -215,7 +215,7 @@ def sd_of_guess(evidence: Evidence) -> np.ndarray:
 
 def of_motion(fit: Fit) -> dict[str, Any]:
     """The fields of StartValues that say how the body moves and why."""
-    whole, physics, load = fit.whole, fit.physics, fit.load
+    whole, physics, load = fit.last(), fit.physics, fit.load
     solution = whole.solve(physics, load)
     return {
         "young": physics.young,

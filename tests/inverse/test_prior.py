@@ -13,7 +13,7 @@ from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.prior import Prior
 from diffphys_ros.inverse.problem import pose_problem
 from diffphys_ros.inverse.unknowns import Layout
-from diffphys_ros.start.along import DEARER, along_of, costs_of
+from diffphys_ros.start.along import DEARER, along_of
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def cost(prepared: Prepared):
     """cost("young", value): of one unknown that is off by so much while all others are as believed."""
     start = replace(prepared.start, track_cost=0.0)
     layout = Layout.of(start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
-    prior = Prior.of(layout, start, start_scale=1.0, costs=costs_of(along_of(prepared.body)))
+    prior = Prior.of(layout, start, start_scale=1.0, along=along_of(prepared.body))
 
     def of(block: str, value: float) -> float:
         z = np.zeros(layout.size)
@@ -55,3 +55,17 @@ def test_a_force_along_a_bar_that_leaves_its_held_face_askew_costs_more_and_one_
     across = cost(-np.sin(lean), np.cos(lean), 0.0)
     assert cost(np.cos(lean), np.sin(lean), 0.0) == pytest.approx(DEARER**2 * cost(0.0, 0.0, 1.0), rel=0.02)
     assert across == pytest.approx(cost(0.0, 0.0, 1.0), rel=0.2)
+
+
+def test_a_force_along_the_body_is_believed_to_be_what_the_first_answer_has_and_one_across_to_change_little(prepared: Prepared) -> None:
+    pushed = replace(prepared.start, force=prepared.start.force @ np.array([[1.0, 0, 0], [0.25, 1, 0], [0, 0, 1]]), track_cost=0.0)
+    layout = Layout.of(pushed, prepared.body, force_unit=100.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
+    prior = Prior.of(layout, pushed, start_scale=1.0, along=along_of(prepared.body))
+
+    def cost(*ways: bool) -> float:
+        z = layout.start.copy()
+        z[layout.force_slice] = (z[layout.force_slice].reshape(-1, 3) * ways).ravel()
+        return float(prior.value(torch.as_tensor(z)))
+
+    assert cost(True, False, False) == pytest.approx(0.0, abs=1e-12)
+    assert 0 < cost(True, True, True) < cost(False, True, True)

@@ -14,6 +14,7 @@ from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
+from diffphys_ros.start.values import of_motion
 from diffphys_ros.types import Body
 from diffphys_ros.vibration.coordinates import observe
 from diffphys_ros.vibration.forced_frames import Support
@@ -54,7 +55,7 @@ def fit_of(body: Body, modal: ModalModel, force: np.ndarray) -> Fit:
 
 def found(fit: Fit) -> np.ndarray:
     """The uniform force (T, 3)."""
-    return fit.whole.solve(fit.physics, fit.load).force
+    return of_motion(fit)["force"]
 
 
 def test_a_gust_across_a_bar_that_leaves_its_held_face_askew_keeps_its_direction(body: Body, modal: ModalModel) -> None:

@@ -1,0 +1,82 @@
+"""What is expected of a force along the body, where the motion hardly tells it, and what the motion makes of that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diffphys_ros.damping import Damping
+from diffphys_ros.modes import ModalModel
+from diffphys_ros.start.evidence import Evidence
+from diffphys_ros.start.expected import ALONG, across_squared, expecting, together
+from diffphys_ros.start.free_tail import Physics
+from diffphys_ros.start.stages import Fit
+from diffphys_ros.start.values import of_motion
+from diffphys_ros.types import Body
+from diffphys_ros.vibration.coordinates import observe
+from diffphys_ros.vibration.forced_frames import Support
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
+
+LONGER = 10  # frames by which the forced ones go on after the gust
+SEEDS = range(6)
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    """Three times as long as high: a force along it stretches it by as much as some noise."""
+    return bar(pitch=2e-3)
+
+
+@pytest.fixture(scope="module")
+def modal(body: Body) -> ModalModel:
+    return modes_of(body, YOUNG)
+
+
+def fit_of(body: Body, modal: ModalModel, force: np.ndarray, seed: int) -> Fit:
+    """Of the motion under a uniform force (T, 3), with frames beyond it that may carry one."""
+    seen = tracks(modal, motion(modal, YOUNG, force), seed=seed)
+    forced = np.zeros(FRAMES, bool)
+    forced[FORCED.start : FORCED.stop + LONGER] = True
+    support = Support(forced, True, modal.frequencies(YOUNG), np.zeros(modal.modes), 0.0)
+    return Fit(Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True)), modal, support, Physics(YOUNG, Damping(0.0, BETA), np.zeros(0)))
+
+
+def test_a_force_along_a_short_bar_is_found_as_far_as_the_motion_tells_it_and_on_no_side_where_there_is_none(body: Body, modal: ModalModel) -> None:
+    shares = {}
+    for along in (-ALONG, 0.0, ALONG):
+        true = gust((along, 0.6, 0.8))
+        course = true[:, 2] / np.linalg.norm(true[:, 2])
+        shares[along] = np.array([of_motion(fit_of(body, modal, true, seed))["force"][:, 0] @ course for seed in SEEDS]) / np.linalg.norm(gust((ALONG, 0, 0)))
+    assert 0.15 < shares[ALONG].mean() < 0.9
+    assert -0.9 < shares[-ALONG].mean() < -0.15
+    assert abs(shares[0.0].mean()) < 0.05
+
+
+def test_a_force_along_the_body_ends_with_the_one_across(body: Body, modal: ModalModel) -> None:
+    true = gust((ALONG, 0.6, 0.8))
+    for seed in SEEDS:
+        quiet = of_motion(fit_of(body, modal, true, seed))["force"][FORCED.stop + 3 :, 0]
+        assert np.linalg.norm(quiet) < 1e-3 * np.linalg.norm(true)
+
+
+def test_what_is_missed_of_the_motion_leaves_less_of_a_force_along_the_body(body: Body, modal: ModalModel) -> None:
+    fit = fit_of(body, modal, gust((ALONG, 0.6, 0.8)), 0)
+    sizes = [np.linalg.norm(fit.last(missed=missed).solve(fit.physics, fit.load).force[:, 0]) for missed in (0.0, 10.0, 100.0)]
+    assert sizes[0] > 2 * sizes[1] > 4 * sizes[2]
+
+
+def test_without_a_force_across_nothing_is_expected_along(body: Body, modal: ModalModel) -> None:
+    still = fit_of(body, modal, np.zeros((FRAMES, 3)), 0)
+    none = still.whole
+    none.seen.data[:] = 0.0
+    assert expecting(none, still.physics, still.load) is none
+
+
+def test_the_size_in_a_frame_is_that_of_the_frames_about_it_and_what_is_expected_goes_together() -> None:
+    force, frames, along = np.tile([5.0, 3.0, 4.0], (6, 1)), np.array([0, 1, 2, 3, 20, 21]), np.array([1.0, 0.0, 0.0])
+    squared = across_squared(force, frames, along)
+    np.testing.assert_allclose(squared, 25.0)
+    covariance = together(squared, frames)
+    np.testing.assert_allclose(np.diag(covariance), 25.0)
+    assert covariance[0, 1] > 20
+    assert covariance[3, 4] < 1e-6
