@@ -1,6 +1,6 @@
 """The first answer, by the linear engine alone: Young's modulus per part, damping and force.
 
-Reading order: evidence, free_tail (the problem of the free frames), force (the problem of all frames), stages (what is fitted after what),
+Reading order: evidence, free_tail (the problem of the free frames), along and force (the problem of all frames), place, expected (of a force along the body), stages (what is fitted after what),
 uncertainty, values (all of it); zone_layout, zones (a modulus per zone) and borders (of materials that look alike).
 """
 
