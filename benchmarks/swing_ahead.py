@@ -4,14 +4,15 @@ was read from the frames after it.
 usage: python benchmarks/swing_ahead.py FILM.mp4 [--setting value ...]     (the flags of diffphys recover)
 
 Rest, clamp and scale are the outline's own, from the calm frames. Ahead: modulus, drag, and how both depend on the size of the swing, are fitted on frames 0
-to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames. From later frames: modulus and drag are
+to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames. With which power of the strain the modulus
+falls nobody knows: each of POWERS is fitted, and what is said is their mean, each by the probability that the half gives it. From later frames: modulus and drag are
 those of the calm frames, softening and drag of squared speed are read from the second second, let go from its own first frames.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -26,7 +27,11 @@ from diffphys_ros.inverse.yielding import Yielding, fitted
 from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
 
-PERIODS, ROUNDS = 5, 3
+PERIODS, ROUNDS, LAST_ROUNDS = 5, 3, 8
+SETTLED = 0.01  # gain of the cost, over it: less ends the search
+BARELY = 1e-12  # beyond a bound: what is sought must not be shut in
+POWERS = (1.0, 1.5, 2.0)  # of the strain
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step, until one gains
 STEPS = np.array([0.002, 0.1, 0.1, 0.05])  # of log frequency, drag [1/s], softening, drag of squared speed [1/m]
 USUAL, SPREAD = np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.1, 10.0, 1.0, 1.0])
 LEAST, MOST = np.array([-0.5, 0.0, 0.0, 0.0]), np.array([0.5, 20.0, 3.0, 3.0])
@@ -61,30 +66,9 @@ class Film:
         _, v, u = np.polyfit(times, poses, 2)
         return u, v
 
-    def tip(self, law: np.ndarray, frames: int) -> np.ndarray:
-        """The free end (frames, 2) [px] under a law."""
-        under = replace(self.follower, plane=replace(self.follower.plane, softens=law[2])).tuned(self.hz * np.exp(law[0]))
-        free = under.let_go(self.u, self.v, drag_per_s=law[1], drag_per_m=law[3], hz=self.hz, frames=frames)
-        if free is None:
-            raise SystemExit("the motion cannot be simulated")
-        return under.tip(free)
-
-    def better(self, law: np.ndarray, frames: int) -> np.ndarray:
-        """One step of Gauss and Newton on the first frames, within the bounds: where one number ends at its bound the others are fitted with it there."""
-        told, tip = self.told[:frames], self.tip(law, frames)
-        unit = EXPECTED * np.linalg.norm(told - told.mean(0))
-        slope = np.stack([(self.tip(law + step, frames) - tip).ravel() / step.sum() for step in np.diag(STEPS)], 1) / unit
-        missed = np.concatenate([(tip - told).ravel() / unit, (law - USUAL) / SPREAD])
-        return law + lsq_linear(np.vstack([slope, np.diag(1 / SPREAD)]), -missed, (LEAST - law, MOST - law)).x
-
-    def law(self) -> np.ndarray:
-        """Fitted on the first half."""
-        period = round(1 / (self.hz * self.period_s))
-        found = USUAL
-        for frames in sorted({min(n, self.half) for n in (period, 2 * period, self.half // 2, self.half)}):
-            for _ in range(ROUNDS):
-                found = self.better(found, frames)
-        return found
+    def bent_by(self, power: float) -> Fitting:
+        """Its first half, under a modulus that falls with that power of the strain."""
+        return Fitting(self, replace(self.follower, plane=replace(self.follower.plane, power=power)))
 
     def first_second(self) -> dict[str, tuple[Yielding, float]]:
         """The error in the first second under the calm frames' law, under its own, and under the one that the second after it tells."""
@@ -106,6 +90,83 @@ class Film:
         return None if free is None else under.tip(free)
 
 
+@dataclass(frozen=True)
+class Fitting:
+    """A film's first half and a way in which the modulus falls."""
+
+    film: Film
+    follower: Follower
+
+    def tip(self, law: np.ndarray, frames: int) -> np.ndarray | None:
+        """The free end (frames, 2) [px] under a law; None where the motion cannot be simulated."""
+        film = self.film
+        under = replace(self.follower, plane=replace(self.follower.plane, softens=law[2])).tuned(film.hz * np.exp(law[0]))
+        free = under.let_go(film.u, film.v, drag_per_s=law[1], drag_per_m=law[3], hz=film.hz, frames=frames)
+        return None if free is None else under.tip(free)
+
+    def missed(self, law: np.ndarray, frames: int) -> np.ndarray | None:
+        """What a law misses of the first frames, and of what is usual, each over what is expected."""
+        tip, told = self.tip(law, frames), self.film.told[:frames]
+        if tip is None:
+            return None
+        return np.concatenate([(tip - told).ravel() / (EXPECTED * np.linalg.norm(told - told.mean(0))), (law - USUAL) / SPREAD])
+
+    def better(self, law: np.ndarray, missed: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """One step of Gauss and Newton on the first frames, shorter where it gains nothing: the law and what it misses. It stays within the bounds: where
+        one number ends at its bound the others are fitted with it there."""
+        nearby = [self.missed(law + step, frames) for step in np.diag(STEPS)]
+        if any(each is None for each in nearby):
+            return law, missed
+        slope = np.stack([(each - missed) / step for each, step in zip(nearby, STEPS, strict=True) if each is not None], 1)
+        step = lsq_linear(slope, -missed, (LEAST - law - BARELY, MOST - law + BARELY)).x
+        for share in SHARES:
+            trial = np.clip(law + share * step, LEAST, MOST)
+            found = self.missed(trial, frames)
+            if found is not None and _cost(found) < _cost(missed):
+                return trial, found
+        return law, missed
+
+    def law(self) -> tuple[np.ndarray, float]:
+        """The one that suits the first half best, and twice the logarithm of how unlikely it makes that."""
+        film, found, missed = self.film, USUAL, None
+        period = round(1 / (film.hz * film.period_s))
+        for frames in sorted({min(n, film.half) for n in (period, 2 * period, film.half // 2, film.half)}):
+            missed = self.missed(found, frames)
+            if missed is None:
+                return found, np.inf
+            for _ in range(LAST_ROUNDS if frames == film.half else ROUNDS):
+                before = _cost(missed)
+                found, missed = self.better(found, missed, frames)
+                if _cost(missed) > (1 - SETTLED) * before:
+                    break
+        return found, np.inf if missed is None else _cost(missed)
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """What the first half lets expect."""
+
+    tip: np.ndarray  # the free end [px], (T, 2)
+    law: np.ndarray  # mean over the powers
+    power: float
+
+
+def ahead(film: Film) -> Ahead:
+    """The mean over all powers, each by its probability. Ends the program where no motion can be simulated."""
+    fits = [film.bent_by(power) for power in POWERS]
+    laws, costs = zip(*(fit.law() for fit in fits), strict=True)
+    tips = [fit.tip(law, film.end) if np.isfinite(cost) else None for fit, law, cost in zip(fits, laws, costs, strict=True)]
+    weight = np.array([0.0 if tip is None else np.exp(-0.5 * (cost - min(costs))) for tip, cost in zip(tips, costs, strict=True)])
+    if not weight.any():
+        raise SystemExit("the motion cannot be simulated")
+    weight /= weight.sum()
+    return Ahead(sum((w * tip for w, tip in zip(weight, tips, strict=True) if tip is not None), np.zeros_like(film.told[: film.end])), weight @ np.array(laws), float(weight @ np.array(POWERS)))
+
+
+def _cost(missed: np.ndarray) -> float:
+    return float((missed**2).sum())
+
+
 def error(tip: np.ndarray | None, told: np.ndarray) -> float:
     """Over the motion, root mean square; infinite where it cannot be simulated."""
     if tip is None:
@@ -118,12 +179,12 @@ def main(path: str, *flags: str) -> None:
     film = Film(path, config.layered([], config.flags_of(flags)))
     errors = (f"{100 * missed:.1f} % {name} (softens {own.softens:.2f}, drag {own.drag_per_m:.2f} /m)" for name, (own, missed) in film.first_second().items())
     print(f"{path}: the first second missed by {', '.join(errors)}", flush=True)
-    law = film.law()
-    tip, half = film.tip(law, film.end), film.half
+    found = ahead(film)
+    tip, law, half = found.tip, found.law, film.half
     periods = (film.end - half) * film.period_s * film.hz
     print(
         f"{path}: {half} frames fitted to {100 * error(tip[:half], film.told[:half]):.1f} %, the next {periods:.1f} periods missed by {100 * error(tip[half:], film.told[half:]):.1f} %; "
-        f"{film.hz * np.exp(law[0]):.3f} Hz, drag {law[1]:.2f} /s and {law[3]:.2f} /m, softens {law[2]:.2f}"
+        f"{film.hz * np.exp(law[0]):.3f} Hz, drag {law[1]:.2f} /s and {law[3]:.2f} /m, softens {law[2]:.2f} with power {found.power:.2f}"
     )
 
 

@@ -3,7 +3,9 @@
 The law is the compressible neo-Hookean one of Blatz and Ko (1962), with the strain across the plane eliminated exactly:
 psi = mu / 2 (tr C - 2 + (J^(-2 beta) - 1) / beta), beta = nu / (1 - nu), J of the plane alone. It resists being crushed without bound; that of
 St Venant and Kirchhoff gives way at strains of .3, as at the clamp of a strip that swings by 60 degrees. What gives way as it is strained has
-its stress divided by 1 + softens e, e = sqrt(2 psi) with E = 1: the strain of a pulled bar. The air's drag may grow with the square of speed.
+its stress divided by (1 + (c e)^p)^(1/p), e = sqrt(2 psi) with E = 1: the strain of a pulled bar. So its modulus falls by (c e)^p / p at first, the stress
+rises at any strain, and where p is 1 it is divided by 1 + c e. c is told by what the modulus falls at a strain of .1 over that strain, `softens`, as (c .1)^p / p.
+The air's drag may grow with the square of speed.
 
 Everything is per unit of depth and density, so that stiffness is E / density [m^2/s^2] and loads are accelerations. Displacements u (2 N,) count
 from the shape without load, node by node: x, y.
@@ -24,6 +26,7 @@ from .mesh import element_size, triangulate
 
 COARSER = 1.6  # sides of elements over those of the solid mesh: two quadratic triangles across a strip have its frequency to .3 % [tests/elements/test_plane.py]
 MOST_NEWTON, CLOSE_M = 12, 1e-9  # steps of one equilibrium, and the last one's length [numerical]
+TOLD_STRAIN = 0.1  # at which `softens` is told: a unit [numerical]
 LEAST_ENERGY = 1e-16  # over E: less is no strain [numerical]
 MOST_SPLITS = 5  # of a step of a motion in halves [numerical]
 MOST_HALVINGS = 8  # of a step that would turn an element inside out [numerical]
@@ -98,7 +101,8 @@ class FlatSolid:
     triangles: np.ndarray  # (E, 6)
     held: np.ndarray  # nodes, bool (N,)
     poisson: float
-    softens: float = 0.0  # share by which the modulus falls, over the strain
+    softens: float = 0.0  # share by which the modulus falls at first, over the strain, told at a strain of TOLD_STRAIN
+    power: float = 1.0  # of the strain, with which it falls; 1 to 2
 
     @classmethod
     def of(cls, body: Body) -> FlatSolid:
@@ -193,13 +197,14 @@ class FlatSolid:
         crushed = area_ratio ** (-2 * beta)
         energy = 0.5 * mu * ((strained**2).sum((-2, -1)) - 2 + (crushed - 1) / beta)
         strain = np.sqrt(2 * np.maximum(energy, LEAST_ENERGY))
-        left = 1 / (1 + self.softens * strain)
+        gives = self.power * self.softens * TOLD_STRAIN ** (1 - self.power)  # c^p
+        left = (1 + gives * strain**self.power) ** (-1 / self.power)
         metric = _metric(strained, area_ratio)  # (E, Q, 3): xx, yy, xy, as what follows
         pressure = mu * crushed * left
         stress = mu * left[..., None] * np.array([1.0, 1.0, 0.0]) - pressure[..., None] * metric
         law = pressure[..., None, None] * (2 * beta * metric[..., :, None] * metric[..., None, :] + _crossed(metric))
         if self.softens:
-            law -= (self.softens / strain)[..., None, None] * stress[..., :, None] * stress[..., None, :]
+            law -= (gives * strain ** (self.power - 2) * left ** (self.power - 1))[..., None, None] * stress[..., :, None] * stress[..., None, :]
         by_node = slope[..., None]  # (E, Q, axis, n, 1)
         turned = np.swapaxes(strained, -1, -2)[..., None, :]  # (E, Q, axis, 1, i)
         rows = np.empty((*area.shape, 3, 6, 2))  # how displacements change the strains, sheared ones twice

@@ -14,6 +14,7 @@ from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
 from .evidence import Moved
 from .fit import Fitted
+from .frame_metrics import psnr_where_it_moves
 from .loss import Terms
 from .net_force import linear_twin, missed_of_frame, with_doubt
 from .observed import displacement_scale
@@ -84,8 +85,8 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
     said = dict.fromkeys((metrics["not_simulated"], clock.stopped))
     if worse_than_still(found, problem.prepared):
         still = _still(problem)
-        stands = _assembled(problem, still, confidence, metrics | {"refined": False, "misfit": still.misfit, "track_rms_m": still.track_rms_m})
-        if _psnr(stands) > _psnr(found):
+        stands = _assembled(problem, still, confidence, of_still(metrics, still))
+        if _psnr(stands, problem.prepared)[0] > _psnr(found, problem.prepared)[0]:
             found, said = stands, {**said, STILL: None}
     return replace(found, notes=(*found.notes, *filter(None, said)))
 
@@ -105,14 +106,19 @@ def unexplained(prepared: Prepared, recovery: Recovery) -> bool:
 
 
 def worse_than_still(recovery: Recovery, prepared: Prepared) -> bool:
-    """Whether an answer that explains little shows the video worse than its first frame does."""
+    """Whether an answer that explains little shows the video worse than its first frame does, where the object moves: before that, the first frame
+    is what the video shows, and no rendering comes as near."""
     if recovery.frames is None or not unexplained(prepared, recovery):
         return False
-    return _psnr(recovery) < float(recovery.metrics["psnr_masked_frozen_frame"])  # type: ignore[arg-type]
+    own, frozen = _psnr(recovery, prepared)
+    return own < frozen
 
 
-def _psnr(recovery: Recovery) -> float:
-    return float(recovery.metrics["psnr_masked"])  # type: ignore[arg-type]
+def _psnr(recovery: Recovery, prepared: Prepared) -> tuple[float, float]:
+    """Of the answer's pictures and of the first frame [dB], where the object moves; NaN where it never does."""
+    assert recovery.frames is not None
+    found = psnr_where_it_moves(recovery.frames, prepared)
+    return found["psnr_masked_moving"], found["psnr_masked_moving_frozen_frame"]
 
 
 def _still(problem: Problem) -> Candidate:
@@ -121,6 +127,12 @@ def _still(problem: Problem) -> Candidate:
     none = np.zeros_like(start.initial_displacement)
     silent = replace(start, force=np.zeros_like(start.force), initial_displacement=none, initial_velocity=none)
     return _candidate(problem, linear_answer(replace(problem.prepared, start=silent), problem.disc), silent)
+
+
+def of_still(metrics: dict[str, Any], still: Candidate) -> dict[str, Any]:
+    """The metrics of the answer that stands still, from those of the one that it takes the place of: it has no fields."""
+    kept = {name: value for name, value in metrics.items() if name != "fields"}
+    return kept | {"refined": False, "misfit": still.misfit, "track_rms_m": still.track_rms_m}
 
 
 def _linear(fitted: Fitted) -> Candidate:

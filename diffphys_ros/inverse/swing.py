@@ -112,7 +112,7 @@ class Follower:
 
         load = plane.weight(body.gravity[:2])
         sag = plane.balanced(specific, load, np.zeros(2 * len(plane.nodes)))
-        unloaded = type(plane)(plane.nodes - sag.reshape(-1, 2), plane.triangles, plane.held, plane.poisson, plane.softens)
+        unloaded = replace(plane, nodes=plane.nodes - sag.reshape(-1, 2))
         load = unloaded.weight(body.gravity[:2])
         rest = unloaded.balanced(specific, load, sag)
         height = float(body.half_thickness[body.inside].max())

@@ -50,9 +50,9 @@ def test_a_rigid_turn_strains_nothing(plane: FlatSolid) -> None:
     assert np.abs(forces).max() < 1e-12
 
 
-@pytest.mark.parametrize("softens", [0.0, 8.0])
-def test_the_tangent_is_the_slope_of_the_forces(plane: FlatSolid, softens: float) -> None:
-    plane = replace(plane, softens=softens)
+@pytest.mark.parametrize(("softens", "power"), [(0.0, 1.0), (8.0, 1.0), (8.0, 1.4), (8.0, 2.0)])
+def test_the_tangent_is_the_slope_of_the_forces(plane: FlatSolid, softens: float, power: float) -> None:
+    plane = replace(plane, softens=softens, power=power)
     rng = np.random.default_rng(0)
     u, direction = (3e-4 * rng.standard_normal(2 * len(plane.nodes)) for _ in range(2))
     step = 1e-5
@@ -96,6 +96,25 @@ def test_what_gives_way_is_softer_by_its_share_of_the_strain(plane: FlatSolid) -
     tip = 2 * int(plane.nodes[:, 0].argmax())
     stretch = [replace(plane, softens=share).balanced(SPECIFIC, load, still(plane))[tip] for share in (0.0, 0.5)]
     assert stretch[1] / stretch[0] == pytest.approx(1 + 0.5 * 2 / 3 * 0.05, abs=0.004)
+
+
+@pytest.mark.parametrize("power", [1.5, 2.0])
+def test_what_gives_way_with_a_power_of_the_strain_is_softer_by_that_power(plane: FlatSolid, power: float) -> None:
+    """Pulled along by a fiftieth of its length at the clamp, and by a twentieth; the strain falls evenly to none at the free end."""
+    tip, longer = 2 * int(plane.nodes[:, 0].argmax()), []
+    for strain in (0.02, 0.05):
+        load = plane.weight(np.array([strain * SPECIFIC / LENGTH, 0.0]))
+        stretch = [replace(plane, softens=share, power=power).balanced(SPECIFIC, load, still(plane))[tip] for share in (0.0, 0.5)]
+        longer.append(stretch[1] / stretch[0] - 1)
+    assert longer[0] == pytest.approx(0.5 * 0.1 * (0.02 / 0.1) ** power * 2 / (power + 2), rel=0.1)
+    assert longer[1] / longer[0] == pytest.approx((0.05 / 0.02) ** power, rel=0.1)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_what_gives_way_pulls_the_more_the_further_it_is_drawn(plane: FlatSolid, power: float) -> None:
+    soft, tip = replace(plane, softens=2.0, power=power), 2 * int(plane.nodes[:, 0].argmax())
+    drawn = [soft.balanced(SPECIFIC, plane.weight(np.array([pull * SPECIFIC / LENGTH, 0.0])), still(plane))[tip] for pull in (0.05, 0.1, 0.12)]
+    assert (np.diff(drawn) > 0).all()
 
 
 def test_drag_of_squared_speed_brakes_what_is_fast(plane: FlatSolid) -> None:

@@ -12,7 +12,7 @@ from diffphys_ros import inverse
 from diffphys_ros.config import LONGEST_BUDGET_S, TIME_BUDGET_S, build, layered
 from diffphys_ros.errors import InputError, SimulationError
 from diffphys_ros.inverse import clock_of, explaining, prepare, solve
-from diffphys_ros.inverse.choice import STILL
+from diffphys_ros.inverse.choice import STILL, of_still
 from diffphys_ros.inverse.clock import FIT_END, SLICED, Clock
 from diffphys_ros.inverse.explaining import CARRIED, EXPLAINING, UNKNOWN, carried_by_fields, lengthened, may_carry, modes_miss, shortened
 from diffphys_ros.inverse.model import Model
@@ -170,6 +170,12 @@ def test_an_answer_that_shows_the_clip_worse_than_its_first_frame_stands_still(w
     assert not wrong.force.any()
     np.testing.assert_array_equal(wrong.trajectory, np.repeat(wrong.trajectory[:1], len(wrong.trajectory), 0))
     assert not wrong.identified.any()
+
+
+def test_an_answer_that_stands_still_tells_nothing_of_the_fields_that_it_takes_the_place_of() -> None:
+    fields = {"fields": {"field_force_rms_n_m3": 4000.0}, "refined": True, "misfit": 0.1, "substeps": 16}
+    still = SimpleNamespace(misfit=0.2, track_rms_m=1e-3)
+    assert of_still(fields, still) == {"refined": False, "misfit": 0.2, "track_rms_m": 1e-3, "substeps": 16}
 
 
 @pytest.mark.parametrize(("psnr", "better"), [(60.0, True), (1.0, False)])

@@ -11,6 +11,7 @@ import torch
 
 from diffphys_ros.config import build
 from diffphys_ros.errors import InputError
+from diffphys_ros.inverse.choice import worse_than_still
 from diffphys_ros.inverse.frame_metrics import Judge, moving_frames
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.metrics.image import psnr_masked
@@ -56,6 +57,18 @@ def test_still_frames_do_not_lift_the_psnr_of_the_moving_ones(case: tuple[Prepar
     expected = [psnr_masked(clip.frames[0], clip.frames[k], clip.labels[k] > 0) for k in moving]
     assert metrics["psnr_masked_moving_frozen_frame"] == pytest.approx(np.mean(expected))
     assert metrics["psnr_masked_moving_frozen_frame"] < 40
+
+
+def test_standing_still_is_compared_where_the_object_moves(case: tuple[Prepared, Recovery]) -> None:
+    """While it rests, frame 0 is what the video shows, and no rendering comes as near: over all frames it would seem the better answer."""
+    prepared, recovery = case
+    clip, rendered = prepared.clip, recovery.frames
+    own, frozen = (np.mean([psnr_masked(shown[k], clip.frames[k], clip.labels[k] > 0) for k in range(1, len(clip))]) for shown in (rendered, clip.frames[[0] * len(clip)]))
+    near = replace(recovery, identified=np.zeros(len(recovery.identified), bool), metrics=recovery.metrics | {"track_rms_m": 1.0})
+    assert own < frozen
+    assert not worse_than_still(near, prepared)
+    far = np.where(rendered < 128, rendered + 40, rendered - 40).astype(np.uint8)
+    assert worse_than_still(replace(near, frames=far), prepared)
 
 
 def test_pixels_that_an_arm_hides_do_not_count(case: tuple[Prepared, Recovery]) -> None:
