@@ -51,7 +51,7 @@ test: setup
 	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 faults: setup
-	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $$(($(JOBS) + 1)) --dist loadfile)
 
 check: lint
 	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -q -m "not slow and not faults" -n auto --maxprocesses 4 --dist loadfile

@@ -15,7 +15,7 @@ from .processes import FIT_S, Domain
 
 pytestmark = pytest.mark.faults
 
-STRIP = Strip(frames=100)
+STRIP = Strip(frames=60, hz=8.0)  # as few frames as show the periods that are asked for
 TOLD = f"""
 scene: {{size_m: {STRIP.length_px / STRIP.px_per_m}, density_kg_m3: [1070.0], gravity_m_s2: [0.0, 0.0, 0.0], target_frame: camera_optical}}
 """
