@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,6 @@ import pytest
 
 from diffphys_ros import result
 from diffphys_ros.__main__ import main
-from tests.coarse import coarse_elements
 
 from .conftest import COARSE
 
@@ -36,12 +35,8 @@ FIELDS = ("young", "force", "trajectory", "log10_young_sd", "mass_damping", "sti
 
 
 @pytest.fixture(scope="module")
-def clip(half_sample: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The bar's clip.npz at half its size: what a fit goes on with is the same."""
-    out = tmp_path_factory.mktemp("half") / "clip.npz"
-    with coarse_elements():
-        assert main(["ingest", str(half_sample / "clip.mcap"), "--config", str(half_sample / "given.yaml"), "--out", str(out)]) == 0
-    return out
+def clip(ingested: Callable[[str], Path]) -> Path:
+    return ingested("bar")
 
 
 @pytest.fixture(scope="module")
