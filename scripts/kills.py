@@ -35,7 +35,8 @@ def work(graph: Rig, options: argparse.Namespace) -> bool:
     cases = [tuple(word.split("+")) for word in options.nodes or []] or [*((name,) for name in NODES), *combinations(NODES, 2)]
     print(f"{'killed':32}{'when':10}{'its clip':40}{'the next clip':24}waited for", flush=True)
     rows = ((moment, names) for names in cases for moment in options.moments)
-    return all([one_kill(graph, names, moment, 2 * number) for number, (moment, names) in enumerate(rows)])
+    went_on = [one_kill(graph, names, moment, 2 * number) for number, (moment, names) in enumerate(rows)]
+    return all(went_on)
 
 
 def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bool:

@@ -33,7 +33,8 @@ def work(graph):
         script = importlib.import_module(name)
         good = script.work(graph, script.read([*words.split(), "--out", str(out)]))
         print("frames", [told.frames for told in graph.told.values()])
-        print("END OF", name, "well" if good else "badly", flush=True)
+        print("well" if good else "badly", flush=True)
+        print("END", flush=True)
     return True
 
 sys.exit(rigged(out, work))
@@ -47,28 +48,27 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def said(out: Path) -> dict[str, str]:
-    """By every script of its slice, and how that ended."""
+    """By every script of its slice; the last word is how that ended."""
     with claimed() as domain:
         done = subprocess.run([sys.executable, "-c", PROGRAM, str(out)], cwd=ROOT / "scripts", env=environment(domain), capture_output=True, text=True, timeout=LONGEST_S)
     assert done.returncode == 0, done.stdout + done.stderr
-    slices, rest = {}, done.stdout
-    for name in SLICES:
-        slices[name], _, rest = rest.partition(f"END OF {name} ")
-        assert rest.startswith("well"), slices[name] + rest
-    return slices
+    return dict(zip(SLICES, done.stdout.split("END\n"), strict=False))
 
 
 def test_every_clip_of_a_row_has_its_own_result(said: dict[str, str]) -> None:
+    assert said["many_clips"].endswith("well\n")
     assert "3 of 3 clips have their own result" in said["many_clips"]
     assert f"frames {[SENT] * 3}" in said["many_clips"]
 
 
 def test_after_a_kill_the_next_clip_has_its_own_result(said: dict[str, str]) -> None:
+    assert said["kills"].endswith("well\n")
     assert said["kills"].count("its own result") == 2
 
 
 def test_a_slice_of_the_soak_loses_no_clip_and_no_frame(said: dict[str, str], out: Path) -> None:
-    assert "without one and without a kill: none" in said["soak"]
+    assert said["soak"].endswith("well\n")
     assert "2 clips, " in said["soak"]
     assert "0 kills" not in said["soak"]
+    assert "without one and without a kill: none" in said["soak"]
     assert (out / "memory.png").exists()
