@@ -13,8 +13,8 @@ help:
 	@echo "make many-clips   a hundred tiny clips in a row through the five nodes; COUNT=n"
 	@echo "make soak         clip after clip for half an hour, a node killed every three minutes: results, latency, memory; MINUTES=n"
 	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
-	@echo "make test         all tests but those of make faults (JOBS=2 on two cores: eight and a half minutes)"
-	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=n as above)"
+	@echo "make test         all tests but those of make faults (JOBS=2 on two cores: ten minutes, a tenth more where Warp has compiled no kernel yet)"
+	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=2: four minutes, in three processes, which wait half of the time)"
 	@echo "make check        ruff, mypy and the quick tests: no nodes, no whole recovery or capture, no pretrained network, nothing of make faults, hardly anything over a second (a minute and a half on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
 	@echo "make fuzz         hostile input for every door (under an hour on two cores); ONLY=\"settings bags\" for some, CASES=n each, SEED=n, JOBS=n at a time"
@@ -51,7 +51,7 @@ test: setup
 	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 faults: setup
-	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $$(($(JOBS) + 1)) --dist loadfile)
 
 check: lint
 	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -q -m "not slow and not faults" -n auto --maxprocesses 4 --dist loadfile

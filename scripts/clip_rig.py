@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ RESULTS = ("~/material_field", "~/force_field", "~/quality")
 SMALLER = 4  # by which the sample's images are
 TINY = {"fit.iterations": 1, "segment.max_parts": 1, "experiment.cells": 2, "experiment.max_splats": 300, "experiment.refine_frames": 2, "experiment.per_cell": 2.0, "experiment.splat_iterations": 3}
 SILENCE_S = 1.0
+START_S = 120.0  # longest wait for nodes that start
 EVERY_SECOND_SLOWER = 1.25  # a clip that swings slower by this is softer by its square: a result shows whose it is
 
 
@@ -220,3 +222,13 @@ def rig(out: Path, **settings: Any) -> Iterator[Rig]:
         yield made
     finally:
         made.close()
+
+
+def rigged(out: Path, work: Callable[[Rig], bool]) -> int:
+    """What is done with a rig as soon as its five nodes hear the camera, which takes START_S at most; the exit status."""
+    with rig(out) as graph:
+        graph.start(*NODES)
+        if not graph.wait_for_nodes(START_S):
+            print(f"the nodes do not listen after {START_S:g} s; see {out}", file=sys.stderr)
+            return 1
+        return 0 if work(graph) else 1

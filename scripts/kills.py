@@ -13,32 +13,30 @@ import time
 from itertools import combinations
 from pathlib import Path
 
-from clip_rig import NODES, SILENCE_S, Rig, rig
+from clip_rig import NODES, SILENCE_S, START_S, Rig, rigged
 from processes import run
 
-START_S, CLIP_S, MOMENT_S, GONE_S = 120.0, 600.0, 300.0, 20.0  # longest waits; the last one for the result of a clip of which nothing more is heard
+CLIP_S, MOMENT_S, GONE_S = 600.0, 300.0, 20.0  # longest waits; the last one for the result of a clip of which nothing more is heard
 MOMENTS = {"sent": ("ingest_node", "ends: "), "labelled": ("segment_node", "label images"), "fit": ("fit_node", "modes: ")}  # who then says what
 WAITS = re.compile(r"waiting for (.*)")
 
 
-def main(arguments: list[str]) -> int:
-    """Prints the table; returns the exit status."""
+def read(arguments: list[str]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", nargs="*", help="such as segment_node, or fit_node+splat_node for a pair; each alone and all pairs where none is named")
     parser.add_argument("--moments", nargs="*", choices=MOMENTS, default=list(MOMENTS), help="when: the clip has ended, is labelled, is fitted")
     parser.add_argument("--out", type=Path, default=Path("out/kills"), help="folder for the logs")
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def work(graph: Rig, options: argparse.Namespace) -> bool:
+    """Prints the table; whether after every kill the next clip had its own result."""
     cases = [tuple(word.split("+")) for word in options.nodes or []] or [*((name,) for name in NODES), *combinations(NODES, 2)]
-    good = True
-    with rig(options.out) as graph:
-        graph.start(*NODES)
-        if not graph.wait_for_nodes(START_S):
-            print(f"kills: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
-            return 1
-        print(f"{'killed':32}{'when':10}{'its clip':40}{'the next clip':24}waited for", flush=True)
-        for number, (moment, names) in enumerate((moment, names) for names in cases for moment in options.moments):
-            good &= one_kill(graph, names, moment, 2 * number)
-    return 0 if good else 1
+    print(f"{'killed':32}{'when':10}{'its clip':40}{'the next clip':24}waited for", flush=True)
+    rows = ((moment, names) for names in cases for moment in options.moments)
+    went_on = [one_kill(graph, names, moment, 2 * number) for number, (moment, names) in enumerate(rows)]
+    return all(went_on)
 
 
 def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bool:
@@ -68,4 +66,5 @@ def one_kill(graph: Rig, names: tuple[str, ...], moment: str, number: int) -> bo
 
 
 if __name__ == "__main__":
-    run(lambda: main(sys.argv[1:]))
+    options = read(sys.argv[1:])
+    run(lambda: rigged(options.out, lambda graph: work(graph, options)))

@@ -13,33 +13,32 @@ import time
 from pathlib import Path
 
 import numpy as np
-from clip_rig import EVERY_SECOND_SLOWER, NODES, SILENCE_S, Rig, Told, rig
+from clip_rig import EVERY_SECOND_SLOWER, SILENCE_S, Rig, Told, rigged
 from processes import run
 
-START_S, CLIP_S, WHOLE_S = 120.0, 600.0, 600.0  # longest waits
+CLIP_S, WHOLE_S = 600.0, 600.0  # longest waits
 AHEAD = 2  # clips that are sent before the first of them has ended: they wait in ingest_node
 WHOLE_ITERATIONS = 8
 AGREES = 0.05  # of log10 E within which clips of one kind must come out
 
 
-def main(arguments: list[str]) -> int:
-    """Sends the clips; returns the exit status."""
+def read(arguments: list[str]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=100, help="clips")
     parser.add_argument("--whole", type=int, default=3, help="of them with a whole fit, at the end")
     parser.add_argument("--out", type=Path, default=Path("out/many_clips"), help="folder for the logs")
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def work(graph: Rig, options: argparse.Namespace) -> bool:
+    """Sends the clips; whether each has its own result."""
     began = time.monotonic()
-    with rig(options.out) as graph:
-        graph.start(*NODES)
-        if not graph.wait_for_nodes(START_S):
-            print(f"many_clips: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
-            return 1
-        all_told = send_all(graph, options.count - options.whole, 0, CLIP_S)
-        if options.whole:
-            graph.set_parameter("fit.iterations", WHOLE_ITERATIONS, "fit_node")
-            all_told += send_all(graph, options.whole, len(all_told), WHOLE_S)
-    return 0 if summary(all_told, time.monotonic() - began) else 1
+    all_told = send_all(graph, options.count - options.whole, 0, CLIP_S)
+    if options.whole:
+        graph.set_parameter("fit.iterations", WHOLE_ITERATIONS, "fit_node")
+        all_told += send_all(graph, options.whole, len(all_told), WHOLE_S)
+    return summary(all_told, time.monotonic() - began)
 
 
 def send_all(graph: Rig, count: int, first: int, limit_s: float) -> list[Told]:
@@ -84,4 +83,5 @@ def summary(all_told: list[Told], took_s: float) -> bool:
 
 
 if __name__ == "__main__":
-    run(lambda: main(sys.argv[1:]))
+    options = read(sys.argv[1:])
+    run(lambda: rigged(options.out, lambda graph: work(graph, options)))

@@ -15,13 +15,13 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from clip_rig import NODES, SILENCE_S, Rig, Told, rig
+from clip_rig import NODES, SILENCE_S, START_S, Rig, Told, rigged
 from memory_figure import draw, watched, write
 from processes import run
 
 from diffphys_ros.nodes.memory import held_mib
 
-START_S, CLIP_S = 120.0, 300.0  # longest waits
+CLIP_S = 300.0  # longest wait
 KILLED = ("segment_node", "fit_node", "splat_node", "ingest_node")  # in turn
 SETTLED = 3  # clips after which a process has imported and cached what it keeps
 MOST_GROWTH_MIB = 8.0  # of a process per clip after that
@@ -37,31 +37,30 @@ class Soak:
     memory: dict[tuple[str, int], list[float]] = field(default_factory=dict)  # PSS of each process [MiB] after every clip
 
 
-def main(arguments: list[str]) -> int:
-    """Runs it; returns the exit status."""
+def read(arguments: list[str]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=30.0, help="how long clips are sent")
+    parser.add_argument("--clips", type=int, default=1, help="so many at least")
     parser.add_argument("--kill-every", type=float, default=180.0, help="seconds from one kill to the next; 0: none")
     parser.add_argument("--out", type=Path, default=Path("out/soak"), help="folder for the logs, memory.csv and memory.png")
-    options = parser.parse_args(arguments)
-    with rig(options.out) as graph:
-        graph.start(*NODES)
-        if not graph.wait_for_nodes(START_S):
-            print(f"soak: the nodes do not listen after {START_S:g} s; see {options.out}", file=sys.stderr)
-            return 1
-        with watched(graph.running) as samples:
-            seen = soaked(graph, 60 * options.minutes, options.kill_every)
-        sent = len(graph.clip)
+    return parser.parse_args(arguments)
+
+
+def work(graph: Rig, options: argparse.Namespace) -> bool:
+    """Sends and kills, writes memory.csv and memory.png; whether all is well."""
+    with watched(graph.running) as samples:
+        seen = soaked(graph, 60 * options.minutes, options.clips, options.kill_every)
     write(samples, options.out / "memory.csv")
     draw(samples, seen.kills, options.out / "memory.png")
-    return 0 if summary(seen, sent) else 1
+    return summary(seen, len(graph.clip))
 
 
-def soaked(graph: Rig, for_s: float, kill_every_s: float) -> Soak:
-    """Clips until the time is over."""
+def soaked(graph: Rig, for_s: float, least: int, kill_every_s: float) -> Soak:
+    """Clips until the time is over, `least` of them at least."""
     seen, turn, began = Soak(), cycle(KILLED), time.monotonic()
     next_kill = began + kill_every_s if kill_every_s else float("inf")
-    while time.monotonic() - began < for_s:
+    while len(seen.clips) < least or time.monotonic() - began < for_s:
         told = graph.send(len(seen.clips))
         seen.clips.append(told)
         if time.monotonic() > next_kill:
@@ -119,4 +118,5 @@ def summary(seen: Soak, per_clip: int) -> bool:
 
 
 if __name__ == "__main__":
-    run(lambda: main(sys.argv[1:]))
+    options = read(sys.argv[1:])
+    run(lambda: rigged(options.out, lambda graph: work(graph, options)))

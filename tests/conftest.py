@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,14 @@ SLOW_TIMEOUT_S = 600.0  # their waits end well before
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Folders and files of which every test would be left out are not even read: what they import takes seconds in every process."""
     if config.option.markexpr == FAULTS and collection_path.suffix == ".py":
-        return True if MARKED not in collection_path.read_text(encoding="utf-8") else None
+        return None if _says_faults(collection_path) else True
     inside = collection_path.is_relative_to(TESTS) and collection_path.relative_to(TESTS).parts[:1]
     return True if inside and inside[0] in SLOW and config.option.markexpr == QUICK else None
+
+
+@cache
+def _says_faults(path: Path) -> bool:
+    return MARKED in path.read_text(encoding="utf-8")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -40,6 +46,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+        if item.get_closest_marker(FAULTS) and not _says_faults(item.path):
+            raise pytest.UsageError(f"{item.nodeid} has the mark {FAULTS} and its file does not say {MARKED}: `make faults` would not read it")
     if hasattr(config, "workerinput"):  # of several processes
         from tests.shared_out import rank
 

@@ -10,7 +10,8 @@ CAPTURE, GATES, CLIPS = "tests/capture/", "tests/gates/", ("bar", "strip", "flat
 GRAPH = "tests/nodes/test_graph.py"
 OF_FIT_NODE = (GRAPH, "tests/nodes/test_fit_node.py")  # they compare with the same fit
 OF_CLIP = {"test_strip": "strip", "test_evidence": "strip", "test_damping": "flat", "test_in_motion": "flat"}  # by file; the others look at the bar
-LONGEST = (f"{GATES}strip", f"{GATES}bar", GRAPH, f"{GATES}flat", CAPTURE, "tests/inverse/test_outlined.py", "tests/inverse/test_fields.py")
+OF_FAULTS = tuple(f"tests/{name}.py" for name in ("nodes/test_clip_after_clip", "nodes/test_film", "batch/test_job", "batch/test_command", "fuzz/test_slice"))
+LONGEST = (*OF_FAULTS[:2], f"{GATES}strip", f"{GATES}bar", *OF_FAULTS[2:], GRAPH, f"{GATES}flat", CAPTURE, "tests/inverse/test_outlined.py", "tests/inverse/test_fields.py")
 
 
 def group_of(node: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import pytest
 
 from diffphys_ros import config, result
 from diffphys_ros.types import Clip, Recovery
+from tests.coarse import coarse_elements
 from tests.nodes.processes import Domain
 from tests.script import loaded
 
@@ -78,10 +80,14 @@ def test_a_robot_that_comes_late_hears_stiffness_and_force(domain: Domain, made_
 
 
 @pytest.mark.slow
-def test_a_recording_becomes_a_folder_whose_answer_is_read(half_sample: Path, tmp_path: Path) -> None:
+def test_a_recording_becomes_a_folder_whose_answer_is_read(half_sample: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """The one in this process, which has the libraries, the other in one of its own."""
     (tmp_path / "quick.yaml").write_text("scene: {density_kg_m3: [690.0, 690.0]}\nexperiment: {schedule: linear, splat_iterations: 5, refine_frames: 2, max_splats: 300}\n")
-    said = run("recover_a_bag.py", half_sample / "clip.mcap", tmp_path / "out", half_sample / "given.yaml", tmp_path / "quick.yaml")
-    assert f"read_the_answer.py {tmp_path / 'out'}" in said
+    words = (half_sample / "clip.mcap", tmp_path / "out", half_sample / "given.yaml", tmp_path / "quick.yaml")
+    monkeypatch.setattr(sys, "argv", ["recover_a_bag.py", *map(str, words)])
+    with coarse_elements():
+        runpy.run_path(str(EXAMPLES / "recover_a_bag.py"), run_name="__main__")
+    assert f"read_the_answer.py {tmp_path / 'out'}" in capsys.readouterr().out
     read = run("read_the_answer.py", tmp_path / "out")
     young = [float(value) for value in re.findall(r"^part \d: E = (\S+) Pa", read, re.M)]
     assert young == pytest.approx([251e3, 167.5e3], rel=0.15)

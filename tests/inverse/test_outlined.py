@@ -28,10 +28,17 @@ STRIP = Strip(frames=100)
 DENSITY = 1070.0
 
 
+def prepared_of(clip: Clip, strip: Strip = STRIP) -> Prepared:
+    """As the start of a fit, without what the answer predicts of the large swing (tests/inverse/test_swing.py)."""
+    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules[prepare.__module__], "swing_of", lambda *_: None)
+        return drive(prepare(clip, config.layered([], told)))[-1]
+
+
 @pytest.fixture(scope="module")
 def prepared() -> Prepared:
-    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": STRIP.length_px / STRIP.px_per_m, "scene.poisson_ratio": [0.3]}
-    return finished(prepare(STRIP.clip(), config.layered([], told)))
+    return prepared_of(STRIP.clip())
 
 
 def test_the_outline_is_chosen_where_there_is_no_texture(prepared: Prepared) -> None:
@@ -157,12 +164,10 @@ def held_in_a_hand(clip: Clip) -> Clip:
     return replace(clip, frames=np.repeat(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)[..., None], 3, 3))
 
 
-def test_a_hand_that_holds_the_camera_is_taken_off_before_the_outline_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_that_holds_the_camera_is_taken_off_before_the_outline_is_read() -> None:
     """Without that no free swing is seen at all."""
-    monkeypatch.setattr(sys.modules[prepare.__module__], "swing_of", lambda *_: None)  # what the answer predicts is asked elsewhere
     strip = Strip(frames=100, size=(150, 240), middle_px=120.0)
-    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]}
-    held = drive(prepare(held_in_a_hand(strip.clip()), config.layered([], told)))[-1]
+    held = prepared_of(held_in_a_hand(strip.clip()), strip)
     assert abs(np.log10(held.start.young[0] / DENSITY / strip.specific)) < 0.025
     assert any("the camera moves by up to" in note and "laid over frame 0" in note for note in held.clip.notes)
     assert not held.doubts

@@ -8,10 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack
-from importlib.util import find_spec
 from pathlib import Path
-
-import pytest
 
 import diffphys_ros
 from diffphys_ros.nodes.middleware import PROFILE, VARIABLE
@@ -21,8 +18,6 @@ from .domains import claimed
 ROOT = Path(diffphys_ros.__file__).resolve().parent.parent
 PATIENCE_S = 120.0  # for what takes seconds, on however busy a machine; then something hangs
 FIT_S = 400.0  # for a fit, with every kernel compiled for the first time
-SCRIPT_S = 1200.0  # for a script that starts the five nodes
-RUNS_SCRIPTS = [pytest.mark.faults, pytest.mark.timeout(SCRIPT_S + 60), pytest.mark.skipif(not find_spec("rerun"), reason="rerun-sdk is not installed")]
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -39,13 +34,6 @@ def environment(domain: int) -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",  # whose threads spin whatever that says; torch's are those that could change bits
     }
     return os.environ | own
-
-
-def of_scripts(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """What a script of the folder scripts said in a domain of its own."""
-    with claimed() as domain:
-        command = [sys.executable, str(ROOT / "scripts" / name), *arguments]
-        return subprocess.run(command, env=environment(domain), capture_output=True, text=True, timeout=SCRIPT_S)
 
 
 class Domain:

@@ -22,7 +22,7 @@ def write_files(
 ) -> None:
     """Writes the four files into an existing folder."""
     images, depths, masks = pictures
-    write_recording(folder / "clip.mcap", clip_messages(camera, images, depths))
+    write_recording(folder / "clip.mcap", clip_messages(camera, images, depths, effort=9))
     np.savez_compressed(folder / "truth.npz", **_truth(name, body, camera, motion, masks))
     cv2.imwrite(str(folder / "mask0.png"), masks[0].astype(np.uint8) * 255)
     (folder / "given.yaml").write_text(_given(body.bar), encoding="utf-8")

@@ -17,8 +17,11 @@ START_NS = 1_750_000_000_000_000_000
 FRAME_ID, WORLD = "camera_color_optical_frame", "world"
 
 
-def clip_messages(camera: Camera, images: np.ndarray, depths: np.ndarray) -> Iterator[Message]:
-    """Camera info, PNG colour (T, H, W, 3) and 16UC1 depth (T, H, W) [m] of every frame, and the camera's pose, as plain messages."""
+def clip_messages(camera: Camera, images: np.ndarray, depths: np.ndarray, *, effort: int = 1) -> Iterator[Message]:
+    """Camera info, PNG colour (T, H, W, 3) and 16UC1 depth (T, H, W) [m] of every frame, and the camera's pose, as plain messages.
+
+    `effort`: 0 to 9, of the compression: a file that is kept is worth ten times the time.
+    """
     info = {
         "height": camera.height, "width": camera.width, "distortion_model": "plumb_bob", "d": np.zeros(5),
         "k": camera.pixel_from_camera, "r": np.eye(3), "p": np.c_[camera.pixel_from_camera, np.zeros(3)],
@@ -29,7 +32,7 @@ def clip_messages(camera: Camera, images: np.ndarray, depths: np.ndarray) -> Ite
         if k == 0:
             yield "/tf_static", "tf2_msgs/msg/TFMessage", ns, {"transforms": [_pose(camera, header["stamp"])]}, True
         yield "/camera/camera_info", "sensor_msgs/msg/CameraInfo", ns, {"header": header, **info}, False
-        png = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+        png = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, effort])[1]
         yield "/camera/image_raw/compressed", "sensor_msgs/msg/CompressedImage", ns, {"header": header, "format": "png", "data": png}, False
         raw = {"height": camera.height, "width": camera.width, "encoding": "16UC1", "step": 2 * camera.width}
         raw["data"] = np.rint(depth * 1000).astype("<u2").tobytes()
