@@ -16,7 +16,7 @@ from .flow import flow_mask
 from .given import given_mask
 from .motion import motion_mask
 from .otsu import otsu_mask
-from .parts import numbered, split_parts
+from .parts import most_parts, numbered, split_parts
 from .prompt import NO_MARK, Mark
 from .propagate import MATCHING, SPACING_PX, propagate
 from .regions import pixel_grid
@@ -47,7 +47,7 @@ def label_clip(clip: Clip, settings: Settings, mark: Mark = NO_MARK) -> np.ndarr
     """Label images of the whole clip, uint8 (T, H, W): 0 background, 1..n parts with 1 at the clamp, 255 ignore.
 
     The object mask of frame 0 is the marked one, else comes from `segment.method`; a mask without parts is split by colour into at most
-    `segment.max_parts` connected parts; optical flow carries both through the clip, or where the object is plain its colours. Raises InputError where no object is found,
+    `most_parts` connected parts; optical flow carries both through the clip, or where the object is plain its colours. Raises InputError where no object is found,
     and for frames too small to see motion.
     """
     height, width = clip.frames.shape[1:3]
@@ -67,7 +67,7 @@ def first_labels(mask: np.ndarray, clip: Clip, settings: Settings) -> np.ndarray
         return mask
     parts = sam_parts(clip.frames[0], mask == 1, settings) if _by_model(settings) else None
     if parts is None:
-        parts = split_parts(clip.frames[0], mask == 1, max_parts=settings.segment.max_parts)
+        parts = split_parts(clip.frames[0], mask == 1, max_parts=most_parts(settings))
     parts = numbered(parts, _clamp_pixel(clip, settings))
     return np.where(mask == IGNORE, IGNORE, parts).astype(np.uint8)
 

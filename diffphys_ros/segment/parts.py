@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ..config import Settings
 from ..inpaint import nearest_known
 from ..ways import way_lengths
 
@@ -16,6 +17,12 @@ MOST_ENCLOSED, LEAST_ENCLOSED_SHARE = 0.6, 0.08  # of a part's outline inside th
 LEAST_CONNECTED = 0.75  # of a colour's pixels that must be in its largest piece and those that cover LEAST_ENCLOSED_SHARE of the object
 MEDIUM_LIGHTNESS = 60.0
 REFINEMENTS = 4
+
+
+def most_parts(settings: Settings) -> int:
+    """`segment.max_parts`, and no more than there are values told part by part: whoever tells two densities sees two parts."""
+    by_part = (settings.scene.density_kg_m3, settings.scene.poisson_ratio, settings.prior.materials)
+    return min([settings.segment.max_parts, *(len(told) for told in by_part if told is not None and len(told) > 1)])
 
 
 def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from ..config import Settings
 from ..inpaint import nearest_known
 from ..pretrained import model_of
-from .parts import stands_for_itself, whole_pieces
+from .parts import most_parts, stands_for_itself, whole_pieces
 from .sam import ARCHITECTURES, SETTING, offered_at
 
 POINTS_ACROSS = 8  # asked along the longer side of the object's box [chosen]
@@ -26,7 +26,7 @@ def sam_parts(frame: np.ndarray, mask: np.ndarray, settings: Settings) -> np.nda
     `segment.model`; None where it tells no parts apart."""
     model, config = model_of(str(settings.segment.model), ARCHITECTURES, setting=SETTING, device=settings.fit.device)
     masks, quality = offered_at(model, config, frame, points_on(mask))
-    return divided_by(masks.reshape(-1, *mask.shape), quality.ravel(), mask, max_parts=settings.segment.max_parts)
+    return divided_by(masks.reshape(-1, *mask.shape), quality.ravel(), mask, max_parts=most_parts(settings))
 
 
 def points_on(mask: np.ndarray) -> np.ndarray:

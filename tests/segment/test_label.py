@@ -151,6 +151,13 @@ def test_no_more_parts_than_allowed_are_made() -> None:
     assert split_parts(clip.frames[0], clip.labels[0] > 0, max_parts=1).max() == 1
 
 
+@pytest.mark.parametrize(("told", "parts"), [({}, 3), ({"scene__poisson_ratio": [0.3]}, 3), ({"scene__density_kg_m3": [500.0, 900.0]}, 2), ({"prior__materials": ["rubber", "foam"]}, 2)])
+def test_no_more_parts_are_made_than_are_told_of(told: dict, parts: int) -> None:
+    """A camera's noise may show a third colour of an object of two materials."""
+    clip = box_clip(bar(cuts=(0.08, 0.16)), [np.eye(4)], oblique_camera())
+    assert first_labels((clip.labels[0] > 0).astype(np.uint8), clip, bar_settings(**told)).max() == parts
+
+
 def test_every_part_is_one_piece_although_spots_have_the_other_parts_colour() -> None:
     clip = box_clip(bar(cuts=(0.12,)), [np.eye(4)], oblique_camera())
     frame = clip.frames[0].copy()
