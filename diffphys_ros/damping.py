@@ -24,6 +24,15 @@ class Damping(Generic[Number]):
         """Rates (r,) [1/s] at which modes of squared angular frequencies omega2 (r,) [1/s^2] decay."""
         return 0.5 * (self.mass_per_s + self.stiffness_s * omega2)
 
+    def braking(self: Damping[float], omega2: float) -> Damping[float]:
+        """Constants of which none is below 0, under which a mode of squared angular frequency omega2 [1/s^2] decays as under these, if it decays: by a
+        negative one other modes gain energy without bound."""
+        if min(self.mass_per_s, self.stiffness_s) >= 0:
+            return self
+        whole = max(self.mass_per_s + self.stiffness_s * omega2, 0.0)
+        by_mass = min(max(self.mass_per_s, 0.0), whole)
+        return Damping(by_mass, (whole - by_mass) / omega2)
+
     def numbers(self) -> Damping[float]:
         """The same without gradients."""
         return Damping(float(self.mass_per_s), float(self.stiffness_s))

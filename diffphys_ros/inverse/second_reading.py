@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import torch
 
+from ..modes.response import SLOWEST
 from ..progress import Progress
 from ..start.second_reading import read_again
 from ..types import StartValues, Tracks
@@ -87,14 +88,17 @@ def _placed(start: StartValues) -> str:
 
 
 def as_start(fitted: Fitted) -> StartValues:
-    """Constants per part and a vector per frame, as they are, in the place of the start values'."""
+    """Constants per part and a vector per frame, as they are, in the place of the start values'. A damping below 0, which a simulation may have whose grid
+    damps by itself, brakes the leading mode as it does and lets no other gain energy."""
     problem = fitted.model.problem
     with torch.no_grad():
         found = problem.layout.unpack(torch.as_tensor(fitted.z), modes=problem.forward.basis.shape[2])
+    young = found.young.numpy() * problem.disc.apparent
+    leading = max(float(problem.prepared.modal.eigen(young)[0][0]), SLOWEST**2)
     return replace(
         problem.prepared.start,
-        young=found.young.numpy() * problem.disc.apparent,
-        damping=found.damping.numbers(),
+        young=young,
+        damping=found.damping.numbers().braking(leading),
         force=found.force.numpy(),
         initial_displacement=found.initial_displacement.numpy(),
         initial_velocity=found.initial_velocity.numpy(),

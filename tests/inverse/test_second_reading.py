@@ -12,8 +12,11 @@ import torch
 from diffphys_ros import config
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.inverse import Checkpoint, Prepared, solve
+from diffphys_ros.inverse.answer import linear_answer
+from diffphys_ros.inverse.fit import Fitted
 from diffphys_ros.inverse.model import Model
 from diffphys_ros.inverse.problem import pose_problem
+from diffphys_ros.inverse.second_reading import as_start
 from diffphys_ros.types import Recovery
 
 from .conftest import make_camera
@@ -92,3 +95,13 @@ def test_a_fit_that_is_interrupted_after_its_second_reading_ends_alike(taken_for
     assert not any("reading the place" in item.text for item in news)
     np.testing.assert_array_equal(resumed.force, found[1].force)
     np.testing.assert_array_equal(resumed.young, found[1].young)
+
+
+def test_a_fit_with_less_than_no_damping_blows_no_mode_up(pushed: Prepared) -> None:
+    """A grid damps by itself, so that a fit may end with a damping below 0, under which stiff modes gain energy."""
+    problem = pose_problem(pushed, None, SETTINGS)
+    model = Model(problem)
+    z = model.z.detach().numpy().copy()
+    z[problem.layout.slices["damping"]] = (0.0, -50.0)
+    start = as_start(Fitted(model, z))
+    assert np.isfinite(linear_answer(replace(pushed, start=start), problem.disc).displacement).all()
