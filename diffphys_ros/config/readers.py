@@ -18,7 +18,7 @@ READERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "diffphys batch": _RECOVER,
         "diffphys capture": ("scene", "camera", "topics", "sync", "segment", "depth", "fit", "capture", "experiment"),
         "ingest_node": ("topics", "sync", "camera", "scene.target_frame", *_OF_WORLD, "frames.every"),
-        "segment_node": ("scene", "segment", "depth", "tracks.evidence", "fit.device"),
+        "segment_node": ("scene", "segment", "depth", "tracks.evidence", "prior.materials", "fit.device"),
         "splat_node": ("scene", "depth", "fit.device"),
         "fit_node": (*_FIT, "playback", "frames.every"),
         "inspect_node": (),
