@@ -17,7 +17,7 @@ from diffphys_ros.nodes.splat_node import SplatNode
 NODES = {cls.__name__: cls for cls in (IngestNode, SegmentNode, SplatNode, FitNode)}
 
 
-@pytest.mark.parametrize(("cls", "count"), [("IngestNode", 14), ("SegmentNode", 28), ("SplatNode", 22), ("FitNode", 53)])
+@pytest.mark.parametrize(("cls", "count"), [("IngestNode", 14), ("SegmentNode", 29), ("SplatNode", 22), ("FitNode", 53)])
 def test_a_node_has_the_settings_that_it_reads_as_parameters_with_doc_unit_and_range(make_node, cls, count):
     node = make_node(NODES[cls])
     declared = [name for name in config.leaves() if node.has_parameter(name)]
