@@ -26,6 +26,7 @@ from diffphys_ros.inverse.swing import MOST_FIRST, SECONDS, Follower, calm_swing
 from diffphys_ros.inverse.yielding import Yielding, fitted
 from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
+from diffphys_ros.start.place import probabilities
 
 PERIODS, ROUNDS, LAST_ROUNDS = 5, 3, 8
 SETTLED = 0.01  # gain of the cost, over it: less ends the search
@@ -156,10 +157,10 @@ def ahead(film: Film) -> Ahead:
     fits = [film.bent_by(power) for power in POWERS]
     laws, costs = zip(*(fit.law() for fit in fits), strict=True)
     tips = [fit.tip(law, film.end) if np.isfinite(cost) else None for fit, law, cost in zip(fits, laws, costs, strict=True)]
-    weight = np.array([0.0 if tip is None else np.exp(-0.5 * (cost - min(costs))) for tip, cost in zip(tips, costs, strict=True)])
-    if not weight.any():
+    counts = np.array([np.inf if tip is None else cost for tip, cost in zip(tips, costs, strict=True)])
+    if not np.isfinite(counts).any():
         raise SystemExit("the motion cannot be simulated")
-    weight /= weight.sum()
+    weight = probabilities(counts, np.full(len(POWERS), 1 / len(POWERS)), 1.0)
     return Ahead(sum((w * tip for w, tip in zip(weight, tips, strict=True) if tip is not None), np.zeros_like(film.told[: film.end])), weight @ np.array(laws), float(weight @ np.array(POWERS)))
 
 

@@ -11,7 +11,12 @@ from diffphys_ros.damping import Damping
 from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.elements.mesh import element_size, solid_mesh
 from diffphys_ros.modes.model import ModalModel
+from diffphys_ros.start.evidence import Evidence
+from diffphys_ros.start.free_tail import Physics
+from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body, Camera, Tracks
+from diffphys_ros.vibration.coordinates import observe
+from diffphys_ros.vibration.forced_frames import Support
 
 LENGTH, HEIGHT, THICKNESS = 0.3, 0.1, 0.125  # m
 YOUNG = np.array([2.0e5, 1.1e5])  # Pa
@@ -71,6 +76,14 @@ def motion(modal: ModalModel, young: np.ndarray, force: np.ndarray, **start: np.
     """Basis coordinates (T, r) under a uniform force."""
     load = force @ modal.footprint_load().T
     return modal.respond(young, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S, **start)
+
+
+def true_fit(body: Body, modal: ModalModel, seen: Tracks, *, young: np.ndarray = YOUNG, forced: slice = FORCED) -> Fit:
+    """The fit to tracks whose physics and forced frames are right."""
+    frames = np.zeros(FRAMES, bool)
+    frames[forced] = True
+    support = Support(frames, True, modal.frequencies(young), np.zeros(modal.modes), 0.0)
+    return Fit(Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True)), modal, support, Physics(young, Damping(0.0, BETA), np.zeros(0)))
 
 
 def camera() -> Camera:

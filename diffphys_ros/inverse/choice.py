@@ -14,7 +14,7 @@ from .answer import Core, assemble, linear_answer, simulated_answer
 from .clock import Clock
 from .evidence import Moved
 from .fit import Fitted
-from .frame_metrics import psnr_where_it_moves
+from .frame_metrics import where_it_moves
 from .loss import Terms
 from .net_force import linear_twin, missed_of_frame, with_doubt
 from .observed import displacement_scale
@@ -117,7 +117,7 @@ def worse_than_still(recovery: Recovery, prepared: Prepared) -> bool:
 def _psnr(recovery: Recovery, prepared: Prepared) -> tuple[float, float]:
     """Of the answer's pictures and of the first frame [dB], where the object moves; NaN where it never does."""
     assert recovery.frames is not None
-    found = psnr_where_it_moves(recovery.frames, prepared)
+    found = where_it_moves(recovery.frames, prepared)
     return found["psnr_masked_moving"], found["psnr_masked_moving_frozen_frame"]
 
 

@@ -35,22 +35,22 @@ class Judge:
         clip, labels = prepared.clip, prepared.clip.labels
         if recovery.frames is None or labels is None:
             return recovery
-        mask = object_mask(labels)
-        shown = clip.seen & mask.any((1, 2))
-        found = {"moving_frames": int((shown & moving_frames(prepared.tracks)).sum()), **psnr_where_it_moves(recovery.frames, prepared)}
+        found = where_it_moves(recovery.frames, prepared)
         if self.lpips is None:
             return replace(recovery, metrics=recovery.metrics | found, notes=(*recovery.notes, LEFT_OUT))
-        found |= _beside_frozen("lpips_masked", self.lpips.masked, recovery.frames, clip.frames, mask, np.flatnonzero(shown)[1:])
+        mask = object_mask(labels)
+        found |= _beside_frozen("lpips_masked", self.lpips.masked, recovery.frames, clip.frames, mask, np.flatnonzero(clip.seen & mask.any((1, 2)))[1:])
         return replace(recovery, metrics=recovery.metrics | found)
 
 
-def psnr_where_it_moves(rendered: np.ndarray, prepared: Prepared) -> dict[str, float]:
-    """Masked PSNR [dB] of a rendering (T, H, W, 3) over the frames in which the object moves, `psnr_masked_moving`, and that of the observed frame 0."""
+def where_it_moves(rendered: np.ndarray, prepared: Prepared) -> dict[str, float]:
+    """In how many frames the object moves, `moving_frames`, and over these the masked PSNR [dB] of a rendering (T, H, W, 3), `psnr_masked_moving`, beside that
+    of the observed frame 0."""
     clip, labels = prepared.clip, prepared.clip.labels
     assert labels is not None
     mask = object_mask(labels)
     moving = np.flatnonzero(clip.seen & mask.any((1, 2)) & moving_frames(prepared.tracks))
-    return _beside_frozen("psnr_masked_moving", psnr_masked, rendered, clip.frames, mask, moving)
+    return {"moving_frames": len(moving), **_beside_frozen("psnr_masked_moving", psnr_masked, rendered, clip.frames, mask, moving)}
 
 
 def moving_frames(tracks: Tracks) -> np.ndarray:

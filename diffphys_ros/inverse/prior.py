@@ -48,7 +48,8 @@ class Prior:
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
         per_frame = cls.SMOOTH * difference.T @ difference
-        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, costs_of(along) @ costs_of(along))
+        cost = costs_of(along)
+        hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, cost @ cost)
         centre[layout.force_slice] = np.outer(start.force[layout.forced] @ along / layout.force_unit, along).ravel()
         at = layout.slices
         hessian[at["density"], at["density"]] = cls.DENSITY * np.eye(n)

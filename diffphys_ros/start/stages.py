@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,7 +79,7 @@ class Fit:
         """The same with what a search of the tail found."""
         return replace(self, physics=physics, rivals_sd=rivals_sd)
 
-    @property
+    @cached_property
     def whole(self) -> ForceProblem:
         """The problem of all frames."""
         problem = self.evidence.whole(self.modal, self.support)

@@ -7,18 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diffphys_ros.damping import Damping
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start.along import along_of
-from diffphys_ros.start.evidence import Evidence
-from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.start.values import of_motion
 from diffphys_ros.types import Body
-from diffphys_ros.vibration.coordinates import observe
-from diffphys_ros.vibration.forced_frames import Support
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
+from tests.made_bar import YOUNG, bar, gust, modes_of, motion, tracks, true_fit
 
 LEAN = np.deg2rad(22.0)
 ALONG = np.array([np.cos(LEAN), np.sin(LEAN), 0.0])
@@ -45,12 +40,9 @@ def modal(body: Body) -> ModalModel:
 
 
 def fit_of(body: Body, modal: ModalModel, force: np.ndarray) -> Fit:
-    """The fit to a motion under a uniform force (T, 3) whose physics and forced frames are right."""
+    """To the motion under a uniform force (T, 3)."""
     seen = tracks(modal, motion(modal, ONE, force), points=modal.nodes[modal.nodes[:, 2] > 0.99 * modal.nodes[:, 2].max()])
-    forced = np.zeros(FRAMES, bool)
-    forced[FORCED] = True
-    support = Support(forced, True, modal.frequencies(ONE), np.zeros(modal.modes), 0.0)
-    return Fit(Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True)), modal, support, Physics(ONE, Damping(0.0, BETA), np.zeros(0)))
+    return true_fit(body, modal, seen, young=ONE)
 
 
 def found(fit: Fit) -> np.ndarray:

@@ -3,42 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from diffphys_ros.damping import Damping
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.expected import ALONG, across_squared, expecting, together
-from diffphys_ros.start.free_tail import Physics
+from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.start.values import of_motion
 from diffphys_ros.types import Body
-from diffphys_ros.vibration.coordinates import observe
-from diffphys_ros.vibration.forced_frames import Support
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
+from tests.made_bar import FORCED, FRAMES, YOUNG, gust, motion, tracks, true_fit
 
 LONGER = 10  # frames by which the forced ones go on after the gust
 SEEDS = range(6)
 
 
-@pytest.fixture(scope="module")
-def body() -> Body:
-    """Three times as long as high: a force along it stretches it by as much as some noise."""
-    return bar(pitch=2e-3)
-
-
-@pytest.fixture(scope="module")
-def modal(body: Body) -> ModalModel:
-    return modes_of(body, YOUNG)
-
-
 def fit_of(body: Body, modal: ModalModel, force: np.ndarray, seed: int) -> Fit:
     """Of the motion under a uniform force (T, 3), with frames beyond it that may carry one."""
-    seen = tracks(modal, motion(modal, YOUNG, force), seed=seed)
-    forced = np.zeros(FRAMES, bool)
-    forced[FORCED.start : FORCED.stop + LONGER] = True
-    support = Support(forced, True, modal.frequencies(YOUNG), np.zeros(modal.modes), 0.0)
-    return Fit(Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True)), modal, support, Physics(YOUNG, Damping(0.0, BETA), np.zeros(0)))
+    return true_fit(body, modal, tracks(modal, motion(modal, YOUNG, force), seed=seed), forced=slice(FORCED.start, FORCED.stop + LONGER))
 
 
 def test_a_force_along_a_short_bar_is_found_as_far_as_the_motion_tells_it_and_on_no_side_where_there_is_none(body: Body, modal: ModalModel) -> None:
@@ -63,6 +43,13 @@ def test_what_is_missed_of_the_motion_leaves_less_of_a_force_along_the_body(body
     fit = fit_of(body, modal, gust((ALONG, 0.6, 0.8)), 0)
     sizes = [np.linalg.norm(fit.last(missed=missed).solve(fit.physics, fit.load).force[:, 0]) for missed in (0.0, 10.0, 100.0)]
     assert sizes[0] > 2 * sizes[1] > 4 * sizes[2]
+
+
+def test_what_is_stated_is_of_the_force_that_is_found(body: Body, modal: ModalModel) -> None:
+    fit = fit_of(body, modal, gust((ALONG, 0.6, 0.8)), 0)
+    doubt = net_force_doubt(fit, np.full(2, 0.01))
+    net = of_motion(fit)["force"] * fit.whole.footprint_volume(fit.footprint)
+    np.testing.assert_allclose(doubt.found, net[doubt.frames], rtol=1e-9, atol=1e-9 * np.abs(net).max())
 
 
 def test_without_a_force_across_nothing_is_expected_along(body: Body, modal: ModalModel) -> None:

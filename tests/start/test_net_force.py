@@ -10,16 +10,13 @@ import pytest
 from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.force import ForceProblem
 from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import NetForceDoubt, largest, net_force_doubt
 from diffphys_ros.start.place import best_footprint, probabilities
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
-from diffphys_ros.vibration.coordinates import observe
-from diffphys_ros.vibration.forced_frames import Support
-from tests.made_bar import BETA, FORCED, FRAMES, LENGTH, PERIOD_S, YOUNG, bar, gust, modes_of, settings, tracks
+from tests.made_bar import BETA, FRAMES, LENGTH, PERIOD_S, YOUNG, gust, tracks, true_fit
 
 PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
 ALONG = 0.25  # of the force across the body, rms
@@ -27,23 +24,9 @@ MISSED = 0.03  # of the motion, by what no mode explains, alike over a quarter p
 DRAWS = 24
 
 
-@pytest.fixture(scope="module")
-def body() -> Body:
-    return bar(pitch=2e-3)
-
-
-@pytest.fixture(scope="module")
-def modal(body: Body) -> ModalModel:
-    return modes_of(body, YOUNG)
-
-
 def at(modal: ModalModel, body: Body, q: np.ndarray, **noise: int) -> Fit:
     """The fit to a motion (T, r) whose physics and forced frames are right."""
-    seen = tracks(modal, q, **noise)
-    evidence = Evidence(body, seen, observe(body, seen), PERIOD_S, settings(at_rest=True))
-    forced = np.zeros(FRAMES, bool)
-    forced[FORCED] = True
-    return Fit(evidence, modal, Support(forced, True, modal.frequencies(YOUNG), np.zeros(modal.modes), 0.0), PHYSICS)
+    return true_fit(body, modal, tracks(modal, q, **noise))
 
 
 def moved(modal: ModalModel, force: np.ndarray, load: np.ndarray) -> np.ndarray:
