@@ -155,7 +155,8 @@ def _why_not(fitted: Fitted, clock: Clock) -> str:
 
 
 def _confidence(problem: Problem, answer: Candidate) -> Confidence:
-    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.disc.expected_log10_error, problem.hessian)
+    moved = np.log10(answer.start.young / problem.prepared.start.young)
+    explained = Explained(answer.track_rms_m, problem.target.mean_square**0.5, problem.disc.expected_log10_error, moved, problem.hessian)
     found = of_answer(problem.prepared, problem.layout, explained, simulated=answer.core.refined)
     return unidentified(found) if problem.settings.experiment.published else found
 

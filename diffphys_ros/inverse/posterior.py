@@ -39,6 +39,7 @@ class Explained:
     rms_m: float  # misfit of one track coordinate [m]
     size_m: float  # rms of the tracked displacements [m]
     grid_log10_sd: float  # of log10 E by the grid alone, as it was measured on this body
+    moved_log10: np.ndarray  # log10 of the answer's E over that of the start values, (n,)
     hessian: np.ndarray  # of the simulation's loss, whose misfit is half the mean squared misfit over size_m^2; (size, size)
 
 
@@ -80,12 +81,12 @@ def of_start(prepared: Prepared) -> Confidence:
 
 
 def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> Confidence:
-    """Of the simulated answer: that of the start values, and the grid's own error, where their modes hold; else from the simulation."""
+    """Of the simulated answer: that of the start values, the grid's own error and what the two engines differ by, where the modes hold; else from the simulation."""
     start = prepared.start
     if "young" in layout.held:
         return of_start(prepared)
     if start.has_free_tail and start.modes_hold:
-        return replace(of_start(prepared), log10_young_sd=np.hypot(start.log10_young_sd, explained.grid_log10_sd))
+        return _of_both(of_start(prepared), explained)
     sd = np.sqrt(_fit_sd(prepared, layout, explained) ** 2 + start.geometry_sd**2 + GRID_SCATTER**2)
     fault = _fault(prepared, layout, explained)
     if fault:
@@ -97,6 +98,15 @@ def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> C
     more = np.where(hidden, f"; {parts}", "")
     reasons = tuple(f"{found}." if told else f"log10 E is known to +-{s:.2f} only; {found}{why}." for s, told, why in zip(sd, known, more, strict=True))
     return Confidence(sd, known, reasons, start.young_lower)
+
+
+def _of_both(first: Confidence, explained: Explained) -> Confidence:
+    """Of the start values and of a simulation that began from them: which of the two is right where they differ is not known."""
+    sd = np.hypot(np.hypot(first.log10_young_sd, explained.grid_log10_sd), explained.moved_log10)
+    lost = first.identified & (sd > WIDEST_SD)
+    why = "log10 E is known to +-{:.2f} only: of the modes' E the simulation makes {:.2g} times as much."
+    reasons = tuple(why.format(s, 10.0**moved) if gone else said for said, s, moved, gone in zip(first.reasons, sd, explained.moved_log10, lost, strict=True))
+    return replace(first, log10_young_sd=sd, identified=first.identified & ~lost, reasons=reasons)
 
 
 def _fault(prepared: Prepared, layout: Layout, explained: Explained) -> str:

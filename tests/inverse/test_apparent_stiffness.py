@@ -68,6 +68,13 @@ def test_a_fit_to_a_truth_on_a_grid_twice_as_fine_ends_nearer_with_the_calibrati
     assert after < bound
 
 
+def test_a_thin_bar_is_as_stiff_as_a_thick_one_on_as_many_cells():
+    """It swings slowly: what a substep strains it is lost where numbers are rounded to single precision."""
+    thin = Bar(length=0.48, width=0.02, thickness=0.02)
+    lattice, modal, young = fitted(thin, 3, 1.5), thin.modal(), np.array([thin.young])
+    assert measure_apparent(*lattice, modal, young, np.array([1.0])).value == pytest.approx(1.0, abs=0.03)
+
+
 def test_a_swing_is_measured_whatever_its_size(modal):
     """Modal coordinates of a light body are small numbers; they must not pass for a fit that has ended."""
     young = np.array([BAR.young])

@@ -15,9 +15,9 @@ SIZE_M = 0.01
 GAP, CAMERA = Doubt("frames are missing", of_young=False), Doubt("the camera moves", of_young=True)
 
 
-def said(prepared, *, missed_m: float = 1e-4, simulated: bool = True, grid_log10_sd: float = 0.005) -> Confidence:
+def said(prepared, *, missed_m: float = 1e-4, simulated: bool = True, grid_log10_sd: float = 0.005, moved: float = 0.0) -> Confidence:
     layout = Layout.of(prepared.start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.ones((2, prepared.modal.modes)), held=())
-    explained = Explained(missed_m / np.sqrt(3), SIZE_M, grid_log10_sd, np.eye(layout.size))
+    explained = Explained(missed_m / np.sqrt(3), SIZE_M, grid_log10_sd, np.array([moved, 0.0]), np.eye(layout.size))
     return of_answer(prepared, layout, explained, simulated=simulated)
 
 
@@ -40,6 +40,16 @@ def test_a_simulated_stiffness_is_as_much_less_sure_as_its_own_grid_is_off(prepa
     start = prepared.start.log10_young_sd
     np.testing.assert_allclose(said(prepared, grid_log10_sd=0.03).log10_young_sd, np.hypot(start, 0.03))
     np.testing.assert_allclose(said(prepared, grid_log10_sd=0.03, simulated=False).log10_young_sd, start)
+
+
+def test_where_the_engines_differ_a_simulated_stiffness_is_as_much_less_sure(prepared):
+    start = prepared.start.log10_young_sd
+    found = said(prepared, grid_log10_sd=0.0, moved=-0.08)
+    np.testing.assert_allclose(found.log10_young_sd, np.hypot(start, [0.08, 0.0]))
+    assert found.identified.all()
+    apart = said(prepared, moved=-0.5)
+    assert apart.identified.tolist() == [False, True]
+    assert "the simulation makes 0.32 times as much" in apart.reasons[0]
 
 
 def test_a_border_that_may_hide_makes_a_simulated_stiffness_as_unsure_where_the_modes_miss_the_motion(prepared):
