@@ -26,6 +26,8 @@ from clips import ROOT, batched, this_commit
 from notes import RESULTS, refilled
 from scipy.optimize import brentq
 
+sys.path.insert(0, str(ROOT))  # started as a file, it would not find tools/
+
 from diffphys_ros import config, result
 from diffphys_ros.bags.read import read_clip
 from diffphys_ros.batch import read_status
