@@ -82,7 +82,7 @@ def swings(
     frames = int(np.ceil(PERIODS * 2 * np.pi / omega.min() / period_s))
     each = young[particles.part - 1]
     substeps = substeps_per_frame(each, particles.poisson, particles.density, dx=grid.dx, period_s=period_s)
-    # in single precision a slow, slender body at so small a strain comes out up to a fifth too soft: what a substep strains it is rounded away
+    # in single precision a slow, slender body at so small a strain comes out with down to a third of its stiffness: what a substep strains it is rounded away
     simulator = Simulator(particles, grid, substeps=substeps, period_s=period_s, device=device, dtype=torch.float64)
     length = float(np.ptp(particles.x_rest, axis=0).max())
     rate = omega * AMPLITUDE * length / np.abs(value).max((0, 1))

@@ -142,12 +142,12 @@ def test_frame_by_frame_lowers_the_loss_of_pictures_alone(problem: Problem) -> N
 
 def test_over_the_whole_clip_the_loss_is_lowered_on_from_where_frame_by_frame_ended(filmed: Prepared) -> None:
     """Not by Adam: its steps of one size found nothing lower in 40 iterations."""
-    problem = posed(filmed, experiment__transition_iterations=4, experiment__field_iterations=8)
+    problem = posed(filmed, experiment__transition_iterations=2, experiment__field_iterations=8)
     model, stages = Model(problem), schedule(problem)
     fitted = drive(fit(model, stages, checkpoint=Checkpoint(None), clock=Clock()))[1]
     losses = fitted.losses["fields"]
     assert len(losses) <= 8
-    assert losses[-1] < 0.99 * losses[0]
+    assert losses[-1] < 0.9 * losses[0]
 
 
 def test_the_file_runs_end_to_end_and_claims_no_stiffness(filmed: Prepared, recovery) -> None:

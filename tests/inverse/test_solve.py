@@ -136,6 +136,9 @@ def test_the_solver_comes_back_from_start_values_that_are_far_off(off, quick_set
     assert recovery.metrics["refined"] is True
     young = np.array([np.median(recovery.young[recovery.part == p]) for p in (1, 2)])
     np.testing.assert_allclose(young, YOUNG, rtol=0.12)
+    stated = np.array([recovery.log10_young_sd[recovery.part == p].max() for p in (1, 2)])
+    moved = np.log10(young / off.start.young)  # what the engines differ by is in the deviation
+    np.testing.assert_allclose(stated, np.hypot(np.hypot(0.15, moved), recovery.metrics["expected_log10_error_of_grid"]), rtol=1e-4)
 
 
 def test_where_the_simulation_misses_the_track_noise_the_start_values_are_the_result(prepared, quick_settings):
