@@ -30,10 +30,10 @@ DAMPING = {"mass_damping": "real", "stiffness_damping": "real"}
 START = {
     "young": "positive n", "log10_young_sd": "gap n", "forced": "truth T",
     "force": "real T 3", "initial_displacement": "real i", "initial_velocity": "real i", "frequencies_hz": "gap v", "observed_hz": "gap o", "decay_per_s": "gap d",
-    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "young_lower": "gap n", "density": "positive n", "detuning": "?amount",
+    "track_cost": "gap", "identified": "truth n", "geometry_sd": "gap n", "young_lower": "gap n", "density": "positive n", "poisson": "real n", "detuning": "?amount",
 }  # fmt: skip
 MODAL = {
-    "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "inertia": "real m r r", "prestress": "real m r r",
+    "nodes": "real V 3", "tets": "whole E 10", "part": "whole E", "basis": "real V 3 r", "stiffness": "real n r r", "by_poisson": "real n r r", "poisson": "real n", "inertia": "real m r r", "prestress": "real m r r",
     "weight": "real m r", "density": "positive m", "retuning": "real r r", "reference": "positive n",
 }  # fmt: skip
 PRIOR = {"index": "whole H W", "young": "positive K", "log10_young_sd": "amount K", "poisson": "real K", "density": "positive K"}

@@ -21,13 +21,14 @@ def make_prepared(made_clip: Clip) -> Prepared:
         "nodes": (20, 3),
         "basis": (20, 3, modes),
         "stiffness": (parts, modes, modes),
+        "by_poisson": (parts, modes, modes),
         "inertia": (parts, modes, modes),
         "prestress": (parts, modes, modes),
         "weight": (parts, modes),
         "retuning": (modes, modes),
     }
     drawn = {f.name: rng.normal(size=shapes.get(f.name, (modes,))) for f in dataclasses.fields(ModalModel)}
-    model = ModalModel(**drawn | {"tets": np.arange(10)[None], "part": np.ones(1, int), "reference": np.array([1e5, 2e4]), "density": np.array([600.0, 700.0])})
+    model = ModalModel(**drawn | {"tets": np.arange(10)[None], "part": np.ones(1, int), "reference": np.array([1e5, 2e4]), "density": np.array([600.0, 700.0]), "poisson": np.full(2, 0.3)})
     start = StartValues(
         young=np.array([1e5, 2e4]),
         log10_young_sd=np.array([0.02, 0.03]),
@@ -49,6 +50,7 @@ def make_prepared(made_clip: Clip) -> Prepared:
         young_lower=np.array([np.nan, 1e4]),
         material=MaterialDoubt.none(2),
         density=np.full(2, 600.0),
+        poisson=np.full(2, 0.3),
     )
     tracks = Tracks(rng.normal(size=(frames, points, 2)), rng.normal(size=(frames, points, 3)), np.ones((frames, points), bool), True, 1e-4)
     body = Body(

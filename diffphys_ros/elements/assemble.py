@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,7 +36,7 @@ class Elements:
     part: np.ndarray  # 1..n, (E,)
     poisson: np.ndarray  # (n,)
     free: np.ndarray  # degrees of freedom that are not held, (D,)
-    stiffness: list[sp.csc_matrix]  # per part, of E = 1 Pa, (D, D)
+    moduli: list[tuple[sp.csc_matrix, sp.csc_matrix]]  # per part, stiffness where Lame's lambda alone is 1 Pa, and where mu alone is, (D, D) each
     masses: list[sp.csc_matrix]  # of what may have densities of its own, each part or all of them together: m of (D, D)
     push: np.ndarray  # consistent loads of unit force densities along x, y, z, (D, 3)
     weights: np.ndarray  # consistent loads of their weights [N], (m, D)
@@ -63,7 +64,7 @@ class Elements:
             mesh.part,
             np.asarray(body.poisson, float),
             free,
-            [_part_stiffness(grid, mesh.part == i + 1, nu, free) for i, nu in enumerate(body.poisson)],
+            [_part_moduli(grid, mesh.part == i + 1, free) for i in range(body.parts)],
             [sp.kron(m, sp.identity(3)).tocsr()[free][:, free].tocsc() for m in weighted],
             np.kron(volume[:, None], np.eye(3))[free],
             np.stack([np.kron(m, body.gravity)[free] for m in lumped]),
@@ -76,6 +77,20 @@ class Elements:
         heavier = density / self.density
         masses = [float(h) * m for h, m in zip(heavier, self.masses, strict=True)]
         return replace(self, masses=masses, weights=heavier[:, None] * self.weights, density=density)
+
+    def squeezing(self, poisson: np.ndarray) -> Elements:
+        """The same elements with other Poisson's ratios (n,)."""
+        return replace(self, poisson=np.asarray(poisson, float))
+
+    @cached_property
+    def stiffness(self) -> list[sp.csc_matrix]:
+        """Per part, of E = 1 Pa, (D, D)."""
+        return [lam * dilation + mu * shear for (dilation, shear), (lam, mu) in zip(self.moduli, map(lame, self.poisson), strict=True)]
+
+    @cached_property
+    def by_poisson(self) -> list[sp.csc_matrix]:
+        """Derivatives of `stiffness` by Poisson's ratio, (D, D)."""
+        return [lam * dilation + mu * shear for (dilation, shear), (lam, mu) in zip(self.moduli, map(lame_changes, self.poisson), strict=True)]
 
     @cached_property
     def mass(self) -> sp.csc_matrix:
@@ -111,7 +126,7 @@ class Elements:
         slope = np.stack([basis.interpolate(sag[c::3]).grad for c in range(3)])
         strain = 0.5 * (slope + np.swapaxes(slope, 0, 1))
         e, nu = np.asarray(young, float)[self.part - 1], self.poisson[self.part - 1]
-        lam, mu = (e * nu / ((1 + nu) * (1 - 2 * nu)))[:, None], (e / (2 * (1 + nu)))[:, None]
+        lam, mu = ((e * each)[:, None] for each in lame(nu))
         stress = 2 * mu * strain + lam * trace(strain) * np.eye(3)[:, :, None, None]
         form = BilinearForm(lambda u, v, w: np.einsum("ij...,i...,j...->...", w.stress, u.grad, v.grad))
         return sp.kron(asm(form, basis, stress=stress), sp.identity(3)).tocsr()[self.free][:, self.free].tocsc()
@@ -144,23 +159,33 @@ def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
     return asm(form, basis, rho=np.broadcast_to(density[:, None], basis.dx.shape))
 
 
-def _part_stiffness(grid: MeshTet, chosen: np.ndarray, poisson: float, free: np.ndarray) -> sp.csc_matrix:
-    """Stiffness of the chosen elements at E = 1 Pa over the free degrees of freedom: the integral of
-    lam div(u) div(v) + 2 mu sym(grad u) : sym(grad v). All pairs of an element's shapes at once: form by form takes several times as long. Of a part
-    too small for an element: nothing."""
+def lame(poisson: Any) -> tuple[Any, Any]:
+    """Lame's lambda and mu over Young's modulus, of a Poisson's ratio or of many."""
+    return poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
+
+
+def lame_changes(poisson: Any) -> tuple[Any, Any]:
+    """Derivatives of `lame` by Poisson's ratio."""
+    return (1 + 2 * poisson**2) / ((1 + poisson) * (1 - 2 * poisson)) ** 2, -1 / (2 * (1 + poisson) ** 2)
+
+
+def _part_moduli(grid: MeshTet, chosen: np.ndarray, free: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix]:
+    """Of the chosen elements over the free degrees of freedom: the integrals of div(u) div(v) and of 2 sym(grad u) : sym(grad v). All pairs of an
+    element's shapes at once: form by form takes several times as long. Of a part too small for an element: nothing."""
     if not chosen.any():
-        return sp.csc_matrix((len(free), len(free)))
+        return (sp.csc_matrix((len(free), len(free))),) * 2
     basis = Basis(grid, ElementTetP2(), intorder=STIFFNESS_ORDER, elements=np.flatnonzero(chosen))
-    lam, mu = poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
     slope = np.stack([shape[0].grad for shape in basis.basis]).transpose(2, 0, 1, 3)  # (elements, 10, 3, points)
     flat = slope.reshape(len(slope), -1, slope.shape[-1])
-    products = ((flat * basis.dx[:, None]) @ flat.swapaxes(1, 2)).reshape(len(slope), *(2 * slope.shape[1:3]))
-    local = lam * products + mu * products.swapaxes(2, 4)
-    local += mu * np.einsum("eakbk->eab", products)[:, :, None, :, None] * np.eye(3)[:, None]
+    dilation = ((flat * basis.dx[:, None]) @ flat.swapaxes(1, 2)).reshape(len(slope), *(2 * slope.shape[1:3]))
+    shear = dilation.swapaxes(2, 4) + np.einsum("eakbk->eab", dilation)[:, :, None, :, None] * np.eye(3)[:, None]
     places = (3 * basis.element_dofs.T[..., None] + np.arange(3)).reshape(len(slope), -1)
     rows, columns = (np.broadcast_to(each, (*places.shape, places.shape[1])).ravel() for each in (places[:, :, None], places[:, None]))
-    whole = sp.coo_matrix((local.ravel(), (rows, columns)), (3 * basis.N,) * 2)
-    return whole.tocsr()[free][:, free].tocsc()
+
+    def whole(local: np.ndarray) -> sp.csc_matrix:
+        return sp.coo_matrix((local.ravel(), (rows, columns)), (3 * basis.N,) * 2).tocsr()[free][:, free].tocsc()
+
+    return whole(dilation), whole(shear)
 
 
 def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int], *, loaded: bool = True, varied: int = 0) -> ModalModel:
@@ -182,13 +207,16 @@ def modal_model(elements: Elements, youngs: list[np.ndarray], counts: list[int],
     basis = _orthonormal(np.column_stack(vectors), elements.mass)
     full = np.zeros((3 * len(elements.nodes), basis.shape[1]))
     full[elements.free] = basis
-    stiffness, inertia, stressed = (np.stack([basis.T @ (each @ basis) for each in of]) for of in (elements.stiffness, elements.masses, prestress))
+    matrices = elements.stiffness, elements.by_poisson, elements.masses, prestress
+    stiffness, by_poisson, inertia, stressed = (np.stack([basis.T @ (each @ basis) for each in of]) for of in matrices)
     model = ModalModel(
         elements.nodes,
         elements.tets,
         elements.part,
         full.reshape(len(elements.nodes), 3, -1),
         stiffness,
+        by_poisson,
+        elements.poisson,
         inertia,
         stressed,
         elements.weights @ basis,

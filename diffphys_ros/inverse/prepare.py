@@ -114,6 +114,8 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         yield Progress("modes", text=describe_swing(hanging.swing))
     if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
+    if start.has_free_tail and settings.scene.poisson_ratio is None:
+        body = replace(body, poisson=start.poisson)
     doubts = doubts_of(clip, tracks, body, start, settings, moved)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
     yield Progress("modes", text=describe_start(start, body.scale))

@@ -30,7 +30,8 @@ class ModalModel:
     q'' + (alpha + beta K) q' + K q = p,  K = sum_i young_i stiffness_i + geometric + retuning,
     and at the Young's moduli of `reference` its vectors are the eigenmodes, lowest first. Strain energy of gravity's
     prestress enters as `geometric` (independent of a common factor of all moduli); `retuning` is what the body's frequencies
-    were seen to differ from the elements'. What goes with density may be kept part by part, for others than `density`.
+    were seen to differ from the elements'. What goes with density may be kept part by part, for others than `density`. With other Poisson's ratios nu' than
+    nu, `stiffness` changes by `by_poisson` times (1 + nu) (nu' - nu) / (1 + nu'): right to first order, and twisting, whose stiffness is E / (1 + nu), exactly.
     """
 
     nodes: np.ndarray  # of quadratic tetrahedra, body frame [m], (N, 3)
@@ -38,6 +39,8 @@ class ModalModel:
     part: np.ndarray  # of the elements, 1..n, (E,)
     basis: np.ndarray  # [kg^-1/2], (N, 3, r)
     stiffness: np.ndarray  # per part and Pa [1/(Pa s^2)], (n, r, r)
+    by_poisson: np.ndarray  # its derivatives by the part's Poisson's ratio, (n, r, r)
+    poisson: np.ndarray  # the ratios that it is of, (n,)
     inertia: np.ndarray  # products of the basis vectors, whose sum is the identity, of what may have densities of its own: parts, or all: (m, r, r)
     prestress: np.ndarray  # by their weights [1/s^2], (m, r, r)
     weight: np.ndarray  # modal loads of their weights [N/kg^1/2], (m, r)
@@ -61,53 +64,68 @@ class ModalModel:
         """Modal loads of the weight [N/kg^1/2], (r,)."""
         return self.weight.sum(0)
 
-    def elastic(self, young: np.ndarray) -> np.ndarray:
-        """The elastic part of K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
-        return np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness)
+    def elastic(self, young: np.ndarray, poisson: np.ndarray | None = None) -> np.ndarray:
+        """The elastic part of K [1/s^2] (r, r) at Young's moduli (n,) [Pa] and Poisson's ratios (n,); None: those of the model."""
+        return np.einsum("i,iab->ab", np.asarray(young, float), self.stiffness if poisson is None else self._squeezed(poisson))
+
+    def _squeezed(self, poisson: np.ndarray) -> np.ndarray:
+        """The stiffness per part and Pa (n, r, r) at other Poisson's ratios."""
+        change = (1 + self.poisson) * (poisson - self.poisson) / (1 + poisson)
+        return self.stiffness + change[:, None, None] * self.by_poisson
 
     def matrix(self, young: np.ndarray) -> np.ndarray:
         """K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
         return self.elastic(young) + self.geometric + self.retuning
 
-    def eigen(self, young: np.ndarray, density: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def eigen(self, young: np.ndarray, density: np.ndarray | None = None, poisson: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Squared angular frequencies (r,) [1/s^2], lowest first, and mass-orthonormal mode shapes (r, r) as columns of basis coordinates,
-        at Young's moduli (n,) [Pa] and densities (m,) [kg/m^3]; None: those of the model.
+        at Young's moduli (n,) [Pa], densities (m,) [kg/m^3] and Poisson's ratios (n,); None: those of the model.
 
         A negative square means that the body buckles under gravity at these moduli. The last answer is kept: searches ask for the same
         moduli again and again while they try dampings, forces and where these act.
         """
-        asked, last = np.append(young, () if density is None else density).tobytes(), self._last
+        asked, last = np.concatenate([young, *((np.nan,) if each is None else each for each in (density, poisson))]).tobytes(), self._last
         if last is None or last[0] != asked:
-            last = (asked, *(np.linalg.eigh(self.matrix(young)) if density is None else self._eigen_of(young, density / self.density)))
+            elastic = self.elastic(young, poisson)
+            last = (asked, *(np.linalg.eigh(elastic + self.geometric + self.retuning) if density is None else self._eigen_of(elastic, density / self.density)))
             object.__setattr__(self, "_last", last)
         return last[1].copy(), last[2].copy()
 
-    def _eigen_of(self, young: np.ndarray, heavier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _eigen_of(self, elastic: np.ndarray, heavier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of what is so many times as heavy (m,)."""
-        stiffness = self.elastic(young) + self.retuning + np.tensordot(heavier, self.prestress, 1)
+        stiffness = elastic + self.retuning + np.tensordot(heavier, self.prestress, 1)
         squares, shapes = eigh(stiffness, np.tensordot(heavier, self.inertia, 1))
         return squares, shapes
 
-    def eigen_changes(self, young: np.ndarray, density: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The squares (r,) of `eigen`, and derivatives by log E of each part, then by log density where densities are given: of the squares,
-        (n + m, r), and of the shapes, (n + m, r, r) as `eigen` gives them.
+    def eigen_changes(
+        self, young: np.ndarray, density: np.ndarray | None = None, poisson: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (r,) of `eigen`, and derivatives by log E of each part, then by log density where densities are given, then by Poisson's ratio
+        where ratios are given: of the squares, (S, r), and of the shapes, (S, r, r) as `eigen` gives them.
 
         Rayleigh and Schroedinger, with changes dK of the stiffness and dM of the inertia: d square_j = s_j' (dK - square_j dM) s_j,
         d s_j = sum over i of s_i (s_i' (dK - square_j dM) s_j) / (square_j - square_i) - s_j (s_j' dM s_j) / 2. What modes of equal frequency turn
         among themselves changes no motion and is left out.
         """
-        squares, shapes = self.eigen(young, density)
-        change = shapes.T @ (np.asarray(young, float)[:, None, None] * self.stiffness) @ shapes
+        squares, shapes = self.eigen(young, density, poisson)
+        each_young = np.asarray(young, float)[:, None, None]
+        change = shapes.T @ (each_young * (self.stiffness if poisson is None else self._squeezed(poisson))) @ shapes
         own = np.zeros((len(change), self.modes))
         if density is not None:
             stress, inertia = (shapes.T @ ((density / self.density)[:, None, None] * each) @ shapes for each in (self.prestress, self.inertia))
             change = np.concatenate([change, stress - squares * inertia])
             own = np.concatenate([own, -0.5 * np.diagonal(inertia, axis1=1, axis2=2)])
+        if poisson is not None:
+            change = np.concatenate([change, shapes.T @ (each_young * self._by_ratio(poisson)) @ shapes])
+            own = np.pad(own, ((0, len(poisson)), (0, 0)))
         apart = squares - squares[:, None]
         equal = np.abs(apart) < EQUAL * np.abs(squares).max()
         mixed = np.where(equal, 0.0, change / np.where(equal, 1.0, apart)) + own[:, :, None] * np.eye(self.modes)
         return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ mixed
 
+    def _by_ratio(self, poisson: np.ndarray) -> np.ndarray:
+        """Derivatives of the stiffness per part and Pa (n, r, r) by Poisson's ratio, at ratios (n,)."""
+        return (((1 + self.poisson) / (1 + poisson)) ** 2)[:, None, None] * self.by_poisson
 
     def frequencies(self, young: np.ndarray) -> np.ndarray:
         """Undamped frequencies [Hz] (r,), lowest first; 0 where the body buckles."""
@@ -227,6 +245,11 @@ class ModalModel:
         turn = solve_triangular(cholesky(inertia.sum(0), lower=True), np.eye(self.modes), lower=True).T  # to a mass-orthonormal basis
         return replace(self._turned(turn), inertia=turn.T @ inertia @ turn, prestress=turn.T @ prestress @ turn, weight=weight @ turn, density=density)
 
+    def squeezing(self, poisson: np.ndarray) -> ModalModel:
+        """The same body with other Poisson's ratios (n,), on the span of the same shapes."""
+        poisson = np.asarray(poisson, float)
+        return replace(self, stiffness=self._squeezed(poisson), by_poisson=self._by_ratio(poisson), poisson=poisson)
+
     def rotated(self, young: np.ndarray, modes: int | None = None) -> ModalModel:
         """The same model with the eigenmodes at `young` as basis; only the lowest `modes` of them where given."""
         shapes = self.eigen(young)[1][:, :modes]
@@ -240,6 +263,7 @@ class ModalModel:
             self,
             basis=self.basis @ turn,
             stiffness=turn.T @ self.stiffness @ turn,
+            by_poisson=turn.T @ self.by_poisson @ turn,
             inertia=turn.T @ self.inertia @ turn,
             prestress=turn.T @ self.prestress @ turn,
             weight=self.weight @ turn,

@@ -15,7 +15,7 @@ def eigenmodes(recovery: Recovery, problem: ModalProblem, young_scale: float, fo
     nowhere = np.zeros((0, 3)), np.zeros((0, 10), int), np.zeros(0, int)  # the mesh: coordinates and basis at the particles are enough
     retuning = young_scale * problem.retuning
     same = {"inertia": np.eye(count)[None], "prestress": problem.geometric[None], "weight": np.zeros((1, count)), "density": np.ones(1)}
-    model = ModalModel(*nowhere, problem.basis, problem.elastic[None], retuning=retuning, reference=np.ones(1), **same)
+    model = ModalModel(*nowhere, problem.basis, problem.elastic[None], np.zeros((1, count, count)), np.zeros(1), retuning=retuning, reference=np.ones(1), **same)
     q = model.respond(
         np.array([young_scale]),
         damping=recovery.damping,

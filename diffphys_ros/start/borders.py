@@ -23,6 +23,7 @@ from .evidence import Evidence
 from .free_tail import DETUNED, RATIO_SD, Physics, Tail
 from .second_reading import support_of
 from .uncertainty import OPEN_SD, Bend
+from .untold import TOLD, Untold
 from .values import start_values, widened
 from .zone_layout import Division, path_length
 
@@ -133,24 +134,26 @@ class Zones:
 
         modal, volume = self.modal, summed(self.volume)
         density = summed(self.modal.density * self.volume) / volume
-        stiffness, inertia, prestress, weight = (summed(each) for each in (modal.stiffness, modal.inertia, modal.prestress, modal.weight))
+        of_zones = modal.stiffness, modal.by_poisson, modal.inertia, modal.prestress, modal.weight
+        stiffness, by_poisson, inertia, prestress, weight = (summed(each) for each in of_zones)
+        poisson = summed(modal.poisson * self.volume) / volume
         young = np.exp(summed(np.log(modal.reference) * self.volume) / volume)
-        modal = replace(modal, stiffness=stiffness, inertia=inertia, prestress=prestress, weight=weight, density=density, reference=young)
-        untold = self.weighed and count > 1 and self.evidence.settings.scene.density_kg_m3 is None
-        densities = Densities(density, volume, DENSITY_CONTRAST) if untold else None
-        return replace(self.evidence, densities=densities).tail(modal, support_of(self.start))
+        modal = replace(modal, stiffness=stiffness, by_poisson=by_poisson, poisson=poisson, inertia=inertia, prestress=prestress, weight=weight, density=density, reference=young)
+        open_ = self.weighed and count > 1 and self.evidence.settings.scene.density_kg_m3 is None
+        untold = Untold(Densities(density, volume, DENSITY_CONTRAST)) if open_ else TOLD
+        return replace(self.evidence, untold=untold).tail(modal, support_of(self.start))
 
     def fitted(self) -> Tried:
         """Without a cut."""
         whole = Cut(self.division.part.astype(int) - 1, 0, 0, 0.0)
         tail = self.tail(whole.label)
-        density = None if tail.densities is None else self.start.density
+        density = None if tail.untold.densities is None else self.start.density
         return Tried.best(tail, whole, [Physics(self.start.young, self.start.damping, np.zeros(DETUNED), density)])
 
     def tried(self, cut: Cut, uncut: Physics) -> Tried:
         """With one, begun at what was found without."""
         tail, own = self.tail(cut.label), np.insert(np.arange(len(uncut.young)), cut.divided + 1, cut.divided)
-        density = None if tail.densities is None or uncut.density is None else uncut.density[own]
+        density = None if tail.untold.densities is None or uncut.density is None else uncut.density[own]
         beyond = np.arange(len(own)) == cut.divided + 1
         return Tried.best(tail, cut, (replace(uncut, young=np.where(beyond, ratio, 1.0) * uncut.young[own], density=density) for ratio in RATIOS))
 

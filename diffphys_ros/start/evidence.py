@@ -13,9 +13,9 @@ from ..types import Body, Tracks
 from ..vibration.coordinates import Motion, Projection
 from ..vibration.forced_frames import Support
 from .along import along_of
-from .densities import Densities
 from .force import ForceProblem
 from .free_tail import DETUNED, MODEL_ERROR, Tail
+from .untold import TOLD, Untold
 
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
@@ -49,7 +49,7 @@ class Evidence:
     period_s: float
     settings: Settings  # `scene.at_rest` and `experiment.mode_count`
     belief: Belief | None = None
-    densities: Densities | None = None  # of the parts, where the motion is to tell them
+    untold: Untold = TOLD  # of the materials, where the motion is to tell it
     first_order: bool = False  # whether the tracks hold what is linear in the amplitude alone
 
     @property
@@ -63,7 +63,7 @@ class Evidence:
         return self.motion.size_m >= STILL * self.motion.noise_m
 
     @property
-    def _one_direction(self) -> bool:
+    def one_direction(self) -> bool:
         """Whether the tracks show nothing but motion along nearly the same direction."""
         normals = self.tracks.normals
         return normals is not None and bool(np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1] > ALIKE)
@@ -93,8 +93,8 @@ class Evidence:
         seen = Projection.of(self.motion, modal)
         moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
-        detuned = 0 if self._one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
-        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.densities, detuned)
+        detuned = 0 if self.one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
+        return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.untold, detuned)
 
     def whole(self, modal: ModalModel, support: Support) -> ForceProblem:
         """The misfit of all frames under a modal model and a force."""

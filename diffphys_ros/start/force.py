@@ -115,7 +115,7 @@ class ForceProblem:
 
     def system(self, physics: Physics, footprint: np.ndarray) -> System:
         """What `solve` solves."""
-        omega2, shapes = self.modal.eigen(physics.young, physics.density)
+        omega2, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
         omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
         step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
@@ -174,12 +174,12 @@ class ForceProblem:
             return differences(residual, vector, least=physical(len(vector), parts))
 
         def residual(vector: np.ndarray) -> np.ndarray:
-            seen = self.solve(replace(Physics.of(vector, parts), density=physics.density), footprint).residual
+            seen = self.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
             return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
         start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
         found = least_squares(residual, start, bounds=(low, high), jac=slope, max_nfev=REFINEMENTS, ftol=1e-4)
-        return replace(Physics.of(found.x, parts), density=physics.density)
+        return replace(Physics.of(found.x, parts), density=physics.density, poisson=physics.poisson)
 
     def edges(self, physics: Physics) -> tuple[int, int]:
         """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""

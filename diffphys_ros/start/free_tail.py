@@ -17,7 +17,7 @@ from ..damping import Damping
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
 from ..vibration.forced_frames import FASTEST
-from .densities import Densities
+from .untold import TOLD, Untold
 
 MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it [chosen]
 FREQUENCY_SD = 0.006  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode; with .01 told parts at the clamp lay .45 of their stated deviations off [docs/how_sure.md]
@@ -27,7 +27,6 @@ MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)  # of E between parts, at which searches begin [numerical]
 WIDEST = np.log(1e3)  # of E about the start of a search [numerical]
 LEAST_YOUNG, MOST_YOUNG = 1.0, 1e13  # [Pa]; no gel is as soft and no solid as stiff: what nothing in the tail bounds goes no further [chosen]
-UNLIKELY = 5.0  # standard deviations beyond which no density is looked for [numerical]
 MATCHES = 8  # rounds of scaling E to the frequency seen [numerical]
 SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings [numerical]
 DETUNED = 4  # leading modes whose frequencies may be off on their own [chosen]
@@ -41,37 +40,37 @@ class Physics:
     damping: Damping[float]
     detune: np.ndarray  # log of the body's frequencies over the model's, leading modes, (k,)
     density: np.ndarray | None = None  # [kg/m^3], (n,); None: the model's
+    poisson: np.ndarray | None = None  # Poisson's ratios (n,); None: the model's
 
     @classmethod
-    def of(cls, vector: np.ndarray, parts: int, densities: Densities | None = None) -> Physics:
-        """From log E per part, then alpha, beta, densities where these are sought, and detune, over their prior standard deviations."""
+    def of(cls, vector: np.ndarray, parts: int, untold: Untold = TOLD) -> Physics:
+        """From log E per part, then alpha, beta, what is untold of the materials, and detune, over their prior standard deviations."""
         alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
-        rest = parts + 2 if densities is None else 2 * parts + 2
-        density = None if densities is None else densities.of(vector[parts + 2 : rest])
-        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[rest:], density)
+        rest = parts + 2 + untold.size
+        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[rest:], *untold.of(vector[parts + 2 : rest]))
 
-    def vector(self, densities: Densities | None = None) -> np.ndarray:
-        """The inverse of `of`, (n + 2 + k,), or (2 n + 2 + k,) with densities."""
+    def vector(self, untold: Untold = TOLD) -> np.ndarray:
+        """The inverse of `of`, (n + 2 + m + k,) with m unknowns of the materials."""
         damping = self.damping.mass_per_s / MASS_DAMPING_SD, self.damping.stiffness_s / STIFFNESS_DAMPING_SD
-        return np.r_[np.log(self.young), damping, [] if densities is None else densities.unknown(self.density), self.detune / FREQUENCY_SD]
+        return np.r_[np.log(self.young), damping, untold.unknown(self.density, self.poisson), self.detune / FREQUENCY_SD]
 
     def change(self, before: Physics) -> float:
         """Largest change of log E and log density of a part."""
         pairs = [(self.young, before.young)] + ([] if self.density is None or before.density is None else [(self.density, before.density)])
         return float(max(np.abs(np.log(now / then)).max() for now, then in pairs))
 
-    def bounds(self, densities: Densities | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, untold: Untold = TOLD) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of a search from here."""
         least, stiffest, free = np.log(LEAST_YOUNG), np.log(MOST_YOUNG), np.full(len(self.detune), np.inf)
         log_young = np.clip(np.log(self.young), least, stiffest)
         most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
-        density = np.full(0 if densities is None else len(self.young), UNLIKELY)
         low, high = np.maximum(log_young - WIDEST, least), np.minimum(log_young + WIDEST, stiffest)
-        return np.r_[low, 0.0, 0.0, -density, -free], np.r_[high, most, density, free]
+        material_low, material_high = untold.bounds()
+        return np.r_[low, 0.0, 0.0, material_low, -free], np.r_[high, most, material_high, free]
 
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
-    """Residuals in standard deviations: log ratios of neighbouring parts, damping, densities where sought and detuning."""
+    """Residuals in standard deviations: log ratios of neighbouring parts, damping, what is untold of the materials and detuning."""
     return np.concatenate([np.diff(vector[:parts], axis=0) / RATIO_SD, vector[parts:]])
 
 
@@ -87,7 +86,7 @@ class Tail:
     at_rest: bool  # whether the oscillation is about the shape of frame 0
     sigma_m: float  # what a frame may miss [m]
     most_modes: int
-    densities: Densities | None = None  # of the parts, where a search is to find them
+    untold: Untold = TOLD  # of the materials, where a search is to find it
     detuned: int = DETUNED  # leading modes whose frequencies may be off
     data: np.ndarray = field(init=False)  # (K, d)
     times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
@@ -145,17 +144,17 @@ class Tail:
 
     def smooth(self, physics: Physics, count: int) -> np.ndarray:
         """An orthonormal basis (d, m) of the shapes of the `count` leading modes as the tracks see them."""
-        shapes = self.modal.eigen(physics.young, physics.density)[1]
+        shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)[1]
         return np.asarray(np.linalg.qr(self.seen.operator @ shapes[:, :count])[0])
 
-    def slope(self, physics: Physics, densities: Densities | None = None) -> np.ndarray:
-        """Derivatives (K d, S) of the misfit over sigma by the S entries of Physics.vector(densities).
+    def slope(self, physics: Physics, untold: Untold = TOLD) -> np.ndarray:
+        """Derivatives (K d, S) of the misfit over sigma by the S entries of Physics.vector(untold).
 
         The amplitudes move along: with the misfit r = y - F a and N = F'F, da = N^-1 (dF' r - F' dF a) and dr = -dF a - F da.
         """
         clock, place, amplitude = self._fitted(physics)
         missed = self.data - (clock * amplitude) @ place.T
-        by_clock, by_place = self._changes(physics, densities, clock)
+        by_clock, by_place = self._changes(physics, untold, clock)
         moved = (by_clock * amplitude) @ place.T + (clock * amplitude) @ np.swapaxes(by_place, 1, 2)  # dF a
         right = ((missed @ place) * by_clock).sum(1) + ((missed @ by_place - moved @ place) * clock).sum(1)
         by_amplitude = _least_squares(_normal(clock, place), right.T).T
@@ -170,10 +169,10 @@ class Tail:
         clock, place = np.stack(shapes, 2).reshape(len(self.times), -1), np.repeat(seen, len(shapes), 1)
         return clock, place, _least_squares(_normal(clock, place), ((self.data @ place) * clock).sum(0))
 
-    def _changes(self, physics: Physics, densities: Densities | None, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the functions of time (S, K, c k) and of the shapes (S, d, c k) by the entries of Physics.vector(densities)."""
+    def _changes(self, physics: Physics, untold: Untold, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the functions of time (S, K, c k) and of the shapes (S, d, c k) by the entries of Physics.vector(untold)."""
         omega, decay, _ = self._modes(physics)
-        by_omega, by_decay, by_seen = self._mode_changes(physics, densities, omega, decay)
+        by_omega, by_decay, by_seen = self._mode_changes(physics, untold, omega, decay)
         kinds, times = clock.shape[1] // len(omega), self.times[:, None]
         real, imaginary = clock[:, 0::kinds], clock[:, 1::kinds]
         by_clock = np.zeros((len(by_omega), *clock.shape))
@@ -183,7 +182,7 @@ class Tail:
 
     def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""
-        squares, shapes = self.modal.eigen(physics.young, physics.density)
+        squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
         omega2 = self._resolved(squares)
         decay = physics.damping.decay(omega2)
         omega = np.sqrt(np.maximum(omega2 - decay**2, SLOWEST2))
@@ -197,11 +196,11 @@ class Tail:
         return np.maximum(squares[: min(max(int(count), 1), self.most_modes)], SLOWEST2)
 
     def _mode_changes(
-        self, physics: Physics, densities: Densities | None, omega: np.ndarray, decay: np.ndarray
+        self, physics: Physics, untold: Untold, omega: np.ndarray, decay: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of what `_modes` says, (S, k) twice and (S, d, k), by the entries of Physics.vector(densities)."""
+        """Derivatives of what `_modes` says, (S, k) twice and (S, d, k), by the entries of Physics.vector(untold)."""
         parts, modes = len(physics.young), len(omega)
-        material, first, squares, by_squares, by_shapes = self._material_changes(physics, densities)
+        material, first, squares, by_squares, by_shapes = self._material_changes(physics, untold)
         size = first + len(physics.detune)
         omega2, detune = self._resolved(squares), physics.detune[:modes]
         by_omega2, by_decay, by_omega = (np.zeros((size, modes)) for _ in range(3))
@@ -218,35 +217,36 @@ class Tail:
         by_seen[material] = self.seen.operator @ by_shapes[:, :, :modes]
         return by_omega, by_decay, by_seen
 
-    def _material_changes(self, physics: Physics, densities: Densities | None) -> tuple[np.ndarray, int, np.ndarray, np.ndarray, np.ndarray]:
-        """Which entries of Physics.vector(densities) are of materials, where the detuning begins, the squared frequencies, and derivatives of
+    def _material_changes(self, physics: Physics, untold: Untold) -> tuple[np.ndarray, int, np.ndarray, np.ndarray, np.ndarray]:
+        """Which entries of Physics.vector(untold) are of materials, where the detuning begins, the squared frequencies, and derivatives of
         these and of the shapes by those entries."""
-        parts = len(physics.young)
-        if densities is None:
-            squares, by_squares, by_shapes = self.modal.eigen_changes(physics.young, physics.density)
-            return np.arange(parts), parts + 2, squares, by_squares[:parts], by_shapes[:parts]
-        density = self.modal.density if physics.density is None else physics.density
-        squares, by_squares, by_shapes = self.modal.eigen_changes(physics.young, density)
-        turn = densities.slope(density).T
-        by_squares = np.concatenate([by_squares[:parts], turn @ by_squares[parts:]])
-        by_shapes = np.concatenate([by_shapes[:parts], np.tensordot(turn, by_shapes[parts:], 1)])
-        return np.r_[:parts, parts + 2 : 2 * parts + 2], 2 * parts + 2, squares, by_squares, by_shapes
+        parts, modal = len(physics.young), self.modal
+        density = physics.density if physics.density is not None or untold.densities is None else modal.density
+        poisson = physics.poisson if physics.poisson is not None or untold.ratios is None else modal.poisson
+        squares, by_squares, by_shapes = modal.eigen_changes(physics.young, density, poisson)
+        weighed = 0 if density is None else len(density)
+        sought = np.r_[parts : parts + (weighed if untold.densities else 0), parts + weighed : parts + weighed + (parts if untold.ratios else 0)].astype(int)
+        turn = untold.slope(density).T
+        by_squares = np.concatenate([by_squares[:parts], turn @ by_squares[sought]])
+        by_shapes = np.concatenate([by_shapes[:parts], np.tensordot(turn, by_shapes[sought], 1)])
+        first = parts + 2 + untold.size
+        return np.r_[:parts, parts + 2 : first], first, squares, by_squares, by_shapes
 
     def residual(self, vector: np.ndarray) -> np.ndarray:
         """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
         parts = len(self.modal.stiffness)
-        return np.concatenate([self.misfit(Physics.of(vector, parts, self.densities)).ravel() / self.sigma_m, prior_residual(vector, parts)])
+        return np.concatenate([self.misfit(Physics.of(vector, parts, self.untold)).ravel() / self.sigma_m, prior_residual(vector, parts)])
 
     def search(self, start: Physics) -> tuple[float, Physics]:
         """Cost and physics at the minimum that is reached from a start."""
-        low, high = start.bounds(self.densities)
-        inside = np.clip(start.vector(self.densities), low + 1e-9, high - 1e-9)
+        low, high = start.bounds(self.untold)
+        inside = np.clip(start.vector(self.untold), low + 1e-9, high - 1e-9)
         found = least_squares(self.residual, inside, bounds=(low, high), jac=self._slope, max_nfev=60)
-        return float(found.cost), Physics.of(found.x, len(start.young), self.densities)
+        return float(found.cost), Physics.of(found.x, len(start.young), self.untold)
 
     def _slope(self, vector: np.ndarray) -> np.ndarray:
         parts = len(self.modal.stiffness)
-        slope = self.slope(Physics.of(vector, parts, self.densities), self.densities)
+        slope = self.slope(Physics.of(vector, parts, self.untold), self.untold)
         return np.concatenate([slope, prior_residual(np.eye(len(vector)), parts)])  # the priors are linear
 
     def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> tuple[Physics, np.ndarray]:
@@ -263,8 +263,8 @@ class Tail:
         starts = [Physics(self.matched(young * r, observed_hz), damping, still) for r in start_ratios(len(young))]
         found = [self.search(start) for start in starts]
         best = min(found, key=lambda pair: pair[0])
-        if self.densities is not None:
-            found += [self.search(replace(best[1], density=density)) for density in self.densities.others(best[1].density)]
+        if self.untold.densities is not None:
+            found += [self.search(replace(best[1], density=density)) for density in self.untold.densities.others(best[1].density)]
             best = min(found, key=lambda pair: pair[0])
         return best[1], self._rivals_sd(best, found)
 

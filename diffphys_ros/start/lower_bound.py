@@ -60,13 +60,11 @@ def softest(misfit: Callable[[float], float], most: float) -> float:
 def _profile(tail: Tail, physics: Physics, part: int) -> Callable[[float], float]:
     """Least chi-square of the tail and the priors on all else, with log10 E of `part` so much off what was fitted. No prior ties the part itself
     to its neighbours: they become each other's."""
-    densities, parts = tail.densities, len(physics.young)
-    if densities is not None:
-        physics = replace(physics, density=tail.modal.density)
-    fitted = physics.vector(densities)
+    untold, parts = tail.untold, len(physics.young)
+    fitted = replace(physics, density=tail.modal.density, poisson=tail.modal.poisson).vector(untold)
     first = len(fitted) - len(physics.detune)  # of the frequencies
     others = np.flatnonzero(np.arange(len(fitted)) != part)
-    low, high = (bound[others] for bound in physics.bounds(densities))
+    low, high = (bound[others] for bound in physics.bounds(untold))
     ends = {0.0: fitted[others]}  # where searches ended, by the change of log10 E
 
     def priors(vector: np.ndarray) -> np.ndarray:
@@ -80,11 +78,11 @@ def _profile(tail: Tail, physics: Physics, part: int) -> Callable[[float], float
 
         def residual(free: np.ndarray) -> np.ndarray:
             vector[others] = free
-            return np.r_[tail.misfit(Physics.of(vector, parts, densities)).ravel() / tail.sigma_m, priors(vector)]
+            return np.r_[tail.misfit(Physics.of(vector, parts, untold)).ravel() / tail.sigma_m, priors(vector)]
 
         def slope(free: np.ndarray) -> np.ndarray:
             vector[others] = free
-            return np.concatenate([tail.slope(Physics.of(vector, parts, densities), densities)[:, others], by_priors])
+            return np.concatenate([tail.slope(Physics.of(vector, parts, untold), untold)[:, others], by_priors])
 
         near = ends[min(ends, key=lambda known: abs(known - change))]
         found = least_squares(residual, np.clip(near, low + 1e-9, high - 1e-9), bounds=(low, high), jac=slope, max_nfev=MOST_EVALUATIONS)

@@ -19,9 +19,9 @@ from ..types import Body, MaterialDoubt
 from .densities import told_by_motion
 from .free_tail import Physics, Tail
 from .uncertainty import SHAPE_SD, Bend, contradiction
+from .untold import poisson_sds
 
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700 [chosen]
-POISSON_SD = 0.1  # when nothing is given: foams have .1 and less, metals .3, rubber and tissue .45 and more [derived: standard deviation of an even spread]
 
 
 def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> MaterialDoubt:
@@ -29,27 +29,30 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     is. `detune` (k,): by how much the frequencies of the modes are off. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
-    by_density, by_poisson = mode_changes(tail, physics, body)
-    changes, poisson_sd = _untold(tail, physics, bend, body, scene, contrast, detune)
+    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, detune)
     if bend is None:
-        young_by_density, young_by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in (by_density, by_poisson))
+        by_density, by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in mode_changes(tail, physics, body))
     else:
-        young_by_density = bend.young_by(_misfit_by_density(tail, physics, body), len(physics.young))
-        young_by_poisson = bend.young_by(_misfit_by(tail, physics, by_poisson), len(physics.young))
-    young_by_density, young_by_poisson = young_by_density @ changes, young_by_poisson * poisson_sd
+        misfits = _misfit_by_density(tail, physics, body), _misfit_by_poisson(tail, physics)
+        by_density, by_poisson = (bend.young_by(misfit, len(physics.young)) for misfit in misfits)
+    young = by_density @ densities + by_poisson @ ratios
     nothing = scene.density_kg_m3 is None and scene.mass_kg is None
     return MaterialDoubt(
-        density_log_sd=np.hypot(_lengths(changes), ANY_DENSITY if nothing else 0.0),
-        poisson_sd=poisson_sd,
-        of_young=_lengths(young_by_density, young_by_poisson) / np.log(10.0),
-        of_specific=_lengths(young_by_density - changes, young_by_poisson) / np.log(10.0),
+        density_log_sd=np.hypot(_lengths(densities), ANY_DENSITY if nothing else 0.0),
+        poisson_sd=_lengths(ratios),
+        of_young=_lengths(young) / np.log(10.0),
+        of_specific=_lengths(young - densities) / np.log(10.0),
     )
 
 
-def density_changes(tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (n, m) of ln(density) by one standard deviation of each of what the tail leaves open, which are independent, and those of ln E that follow."""
-    changes, _ = _untold(tail, physics, bend, body, scene, contrast, physics.detune)
-    return changes, bend.young_by(_misfit_by_density(tail, physics, body), len(physics.young)) @ changes
+def material_changes(
+    tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Changes (n, m) of ln(density) and of Poisson's ratio by one standard deviation of each of what the tail leaves open, which are independent, and those
+    of ln E that follow."""
+    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, physics.detune)
+    misfit = _misfit_by_density(tail, physics, body) @ densities + _misfit_by_poisson(tail, physics) @ ratios
+    return densities, ratios, bend.young_by(misfit, len(physics.young))
 
 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -57,28 +60,27 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     modal = tail.modal
     _, volume, _ = quadrature(modal.nodes, modal.tets)
     part = np.repeat(modal.part, 4) - 1
-    squares, shapes = (each[..., : tail.most_modes] for each in modal.eigen(physics.young))
-    value, slope = at_quadrature(modal.nodes, modal.tets, modal.basis @ shapes)
-    strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))
-    nu = body.poisson[part][:, None]
-    lam, mu = (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2, -0.5 / (1 + nu) ** 2  # derivatives of Lame's constants over E
-    energy = (volume * physics.young[part])[:, None] * (lam * np.trace(strain, axis1=1, axis2=2) ** 2 + 2 * mu * (strain**2).sum((1, 2)))
+    shapes = modal.eigen(physics.young)[1][:, : tail.most_modes]
+    value, _ = at_quadrature(modal.nodes, modal.tets, modal.basis @ shapes)
     inertia = (volume * body.density[part])[:, None] * (value**2).sum(1)
-    kinetic, elastic = (np.stack([np.bincount(part, mode, body.parts) for mode in each.T]) for each in (inertia, energy))
-    return -kinetic / kinetic.sum(1, keepdims=True), elastic / squares[:, None]
+    kinetic = np.stack([np.bincount(part, mode, body.parts) for mode in inertia.T])
+    squares, by_all, _ = modal.eigen_changes(physics.young, poisson=modal.poisson)
+    by_poisson = (by_all[len(physics.young) :] / squares)[:, : tail.most_modes]
+    return -kinetic / kinetic.sum(1, keepdims=True), by_poisson.T
 
 
 def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (n, n) of ln(density) of all parts by one standard deviation of each of what is left open, which are independent, and standard
-    deviations (n,) of Poisson's ratios."""
-    changes = (0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body)
-    if bend is not None and told_by_motion(body):
-        changes = changes @ _left_open(tail, physics, bend, _misfit_by_density(tail, physics, body) @ changes, contradiction(bend, detune))
-    return changes, _poisson_sd(body, scene)
-
-
-def _poisson_sd(body: Body, scene: Scene) -> np.ndarray:
-    return np.zeros(body.parts) if scene.poisson_ratio is not None else np.minimum(POISSON_SD, (0.5 - body.poisson) / 2)
+    """Changes (n, m) of ln(density) and of Poisson's ratio of all parts by one standard deviation of each of what is left open, which are independent."""
+    nought = np.zeros((body.parts, body.parts))
+    densities = np.hstack([(0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body), nought])
+    ratios = np.hstack([nought, np.diag(poisson_sds(body, scene))])
+    if bend is None or not told_by_motion(body):
+        return densities, ratios
+    misfit = _misfit_by_density(tail, physics, body) @ densities
+    if tail.detuned:
+        misfit += _misfit_by_poisson(tail, physics) @ ratios
+    left = _left_open(tail, physics, bend, misfit, contradiction(bend, detune))
+    return densities @ left, ratios @ left
 
 
 def _of_equal_mass(body: Body) -> np.ndarray:
@@ -94,6 +96,12 @@ def _misfit_by_density(tail: Tail, physics: Physics, body: Body) -> np.ndarray:
         return _misfit_by(tail, physics, mode_changes(tail, physics, body)[0])
     density = tail.modal.density
     return differences(lambda by: tail.misfit(replace(physics, density=density * np.exp(by))).ravel() / tail.sigma_m, np.zeros(body.parts))
+
+
+def _misfit_by_poisson(tail: Tail, physics: Physics) -> np.ndarray:
+    """The same by Poisson's ratio of each part."""
+    poisson = tail.modal.poisson
+    return differences(lambda by: tail.misfit(replace(physics, poisson=poisson + by)).ravel() / tail.sigma_m, np.zeros(len(poisson)))
 
 
 def _misfit_by(tail: Tail, physics: Physics, change: np.ndarray) -> np.ndarray:
@@ -121,6 +129,6 @@ def _left_open(tail: Tail, physics: Physics, bend: Bend, slope: np.ndarray, cont
     return np.linalg.cholesky(np.linalg.inv(np.eye(len(told)) + 0.5 * (told + told.T)))
 
 
-def _lengths(*changes: np.ndarray) -> np.ndarray:
-    """Root sum of squares (n,) over independent causes (n, m) each."""
-    return np.linalg.norm(np.hstack(changes), axis=1)
+def _lengths(changes: np.ndarray) -> np.ndarray:
+    """Root sum of squares (n,) over independent causes (n, m)."""
+    return np.linalg.norm(changes, axis=1)

@@ -20,7 +20,7 @@ from .densities import DENSITY_CONTRAST
 from .expected import ALONG, across_squared, alike, together
 from .force import ForceProblem, Solution
 from .free_tail import Physics
-from .material_doubt import density_changes
+from .material_doubt import material_changes
 from .place import QUARTER, before, counts_once, leading_frames, probabilities
 from .stages import Fit
 from .uncertainty import Bend
@@ -174,7 +174,7 @@ class _Doubt:
         def changed(step: np.ndarray) -> Physics:
             stepped = vector + step
             stepped[parts : parts + 2] = np.maximum(stepped[parts : parts + 2], np.minimum(vector[parts : parts + 2], 0.0))
-            return replace(Physics.of(stepped, parts), density=physics.density)
+            return replace(Physics.of(stepped, parts), density=physics.density, poisson=physics.poisson)
 
         return self._changes(((changed(share * step), None), share) for step, share in _shares(steps))
 
@@ -184,12 +184,14 @@ class _Doubt:
         body, scene = fit.evidence.body, fit.evidence.settings.scene
         if not fit.support.has_free_tail or scene.density_kg_m3 is not None or len(modal.density) != body.parts:
             return np.zeros((len(self.force), 0))
-        changes, by_young = density_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast)
+        changes, ratios, by_young = material_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast)
 
-        def weighed(share: float, change: np.ndarray, young: np.ndarray) -> tuple[Physics, ModalModel]:
-            return replace(fit.physics, young=fit.physics.young * np.exp(share * young)), modal.weighing(modal.density * np.exp(share * change))
+        def weighed(share: float, change: np.ndarray, ratio: np.ndarray, young: np.ndarray) -> tuple[Physics, ModalModel]:
+            physics = replace(fit.physics, young=fit.physics.young * np.exp(share * young), poisson=modal.poisson + share * ratio)
+            return physics, modal.weighing(modal.density * np.exp(share * change))
 
-        return self._changes((weighed(share, change, young), share) for (change, share), young in zip(_shares(changes), by_young.T, strict=True))
+        each = zip(_shares(changes), ratios.T, by_young.T, strict=True)
+        return self._changes((weighed(share, change, ratio, young), share) for (change, share), ratio, young in each)
 
     def _changes(self, others: Iterator[tuple[tuple[Physics, ModalModel | None], float]]) -> np.ndarray:
         """Changes (3 F, m) of the net force under other physics and modes, each over its share of a standard deviation."""

@@ -63,12 +63,14 @@ class Fit:
 
     @property
     def tuned(self) -> Fit:
-        """The same with the densities and the frequencies that were found in body and modal model, which has the eigenmodes as basis."""
-        physics, evidence, modal = self.physics, self.evidence, self.modal
+        """The same with the materials and the frequencies that were found in body and modal model, which has the eigenmodes as basis."""
+        physics, body, modal = self.physics, self.evidence.body, self.modal
         if physics.density is not None:
-            evidence, modal = replace(evidence, body=replace(evidence.body, density=physics.density)), modal.weighing(physics.density)
+            body, modal = replace(body, density=physics.density), modal.weighing(physics.density)
+        if physics.poisson is not None:
+            body, modal = replace(body, poisson=physics.poisson), modal.squeezing(physics.poisson)
         modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
-        return replace(self, evidence=evidence, modal=modal, physics=replace(physics, density=None))
+        return replace(self, evidence=replace(self.evidence, body=body), modal=modal, physics=replace(physics, density=None, poisson=None))
 
     @property
     def tail(self) -> Tail:
@@ -165,6 +167,8 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
         before = fit.physics
         if before.density is not None:
             elements = elements.weighing(before.density)
+        if before.poisson is not None:
+            elements = elements.squeezing(before.poisson)
         fit = replace(fit, modal=fit.evidence.basis(elements, before.young, NARROW_RATIOS))
         fit = replace(fit, physics=fit.tail.search(before)[1])
         if fit.physics.change(before) < SETTLED:

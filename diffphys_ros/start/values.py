@@ -23,6 +23,7 @@ from .lower_bound import lower_bounds
 from .material_doubt import material_doubt
 from .stages import Fit, guess, guessed, joint, modes, run
 from .uncertainty import OPEN_SD, Bend, detuning_log10_sd, log10_young_sd, of_held_modes, of_shapes, outline_sd
+from .untold import TOLD, Ratios, Untold
 
 ALARM_NOISE, ALARM_SHARE = 5.0, 0.12  # misfit over the coherent noise and over the motion that together ask for an alarm [chosen]
 MOST_DETUNING = 0.07  # of a mode's log frequency: no error of the outline makes so much, the body is not the one that was told, and E means nothing [chosen]
@@ -63,12 +64,13 @@ def start_values(
     from ..elements.mesh import element_size, solid_mesh
 
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
-    support, densities = supported(evidence), Densities.open(body, settings.scene)
+    support = supported(evidence)
+    untold = Untold(Densities.open(body, settings.scene), None if evidence.one_direction else Ratios.open(body, settings.scene))
     mesh = solid_mesh(body, (FINER if tracks.normals is not None else 1.0) * element_size(body))
-    elements = Elements.of(body, mesh, apart=densities is not None)
+    elements = Elements.of(body, mesh, apart=untold.densities is not None)
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
-    fit = _tuned(run(stages, Fit.begun(replace(evidence, densities=densities if support.has_free_tail else None), elements, support)))
-    if fit.evidence.densities is not None and _explained_badly(fit):  # then the densities tell what is no free motion
+    fit = _tuned(run(stages, Fit.begun(replace(evidence, untold=untold if support.has_free_tail else TOLD), elements, support)))
+    if fit.evidence.untold.size and _explained_badly(fit):  # then they tell what is no free motion
         fit = _tuned(run(stages, Fit.begun(evidence, elements, support)))
     held_sd = clamp_doubt(fit, mesh)
     return bounded(values_of(fit, clamp_sd=held_sd), fit, clamp_sd=held_sd), fit.modal
@@ -170,6 +172,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
         young_lower=np.full(len(sd), np.nan),
         material=doubt,
         density=np.asarray(evidence.body.density, float),
+        poisson=np.asarray(evidence.body.poisson, float),
         detuning=detuning,
     )
 

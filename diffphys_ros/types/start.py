@@ -55,4 +55,5 @@ class StartValues:
     young_lower: np.ndarray  # least modulus of parts that hardly strain, with 95 % [Pa], shape (n,); NaN elsewhere and where none is known
     material: MaterialDoubt
     density: np.ndarray  # told, assumed, or with the mass told found in the free motion [kg/m^3], shape (n,)
+    poisson: np.ndarray  # Poisson's ratio: told, assumed, or found in the free motion, shape (n,)
     detuning: float = 0.0  # largest |log| of a leading mode's frequency over the one that the body as told would have at `young`

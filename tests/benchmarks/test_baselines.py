@@ -30,6 +30,8 @@ def model(prestress: float) -> ModalModel:
         part=np.zeros(0, int),
         basis=np.zeros((0, 3, 2)),
         stiffness=elastic,
+        by_poisson=0 * elastic,
+        poisson=np.zeros(1),
         inertia=np.eye(2)[None],
         prestress=prestress * np.eye(2)[None],
         weight=np.zeros((1, 2)),

@@ -70,7 +70,7 @@ def make_start(body: Body, modal, young=YOUNG, force_peak=600.0) -> StartValues:
     f = modal.frequencies(young)
     return StartValues(
         young.copy(), np.full(2, 0.03), Damping(0.2, 1e-3), forced, Footprint(), force, np.zeros(r), np.zeros(r),
-        f, f[:1], np.zeros(1), 1e-4, np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2), body.density,
+        f, f[:1], np.zeros(1), 1e-4, np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2), body.density, body.poisson,
     )  # fmt: skip
 
 

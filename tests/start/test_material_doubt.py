@@ -13,7 +13,8 @@ from diffphys_ros.elements.assemble import Elements
 from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import DENSITY_CONTRAST
 from diffphys_ros.start.free_tail import Physics
-from diffphys_ros.start.material_doubt import POISSON_SD, mode_changes
+from diffphys_ros.start.material_doubt import mode_changes
+from diffphys_ros.start.untold import POISSON_SD
 from diffphys_ros.types import Body, StartValues
 from tests.made_bar import PERIOD_S, YOUNG, bar, gust, modes_of, motion, settings, tracks
 
@@ -86,7 +87,8 @@ def test_a_ratio_that_nobody_told_is_doubted_and_one_that_is_told_is_not(uneven:
     told = started(0.0, density_kg_m3=None, poisson_ratio=[0.3])
     assert (told.material.poisson_sd == 0).all()
     assert (told.material.of_young == 0).all()
-    assert (uneven.material.poisson_sd == POISSON_SD).all()
+    assert (uneven.material.poisson_sd > 0.8 * POISSON_SD).all()
+    assert (uneven.material.poisson_sd <= POISSON_SD).all()
 
 
 def test_stiffness_over_density_of_the_outer_part_is_surer_than_stiffness(uneven: StartValues) -> None:

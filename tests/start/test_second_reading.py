@@ -42,7 +42,7 @@ def started(body: Body, modal: ModalModel, footprint: Footprint, force: np.ndarr
     still, hz = np.zeros(modal.modes), modal.frequencies(YOUNG)
     return StartValues(
         YOUNG.copy(), np.full(2, 0.05), Damping(0.0, BETA), forced, footprint, force, still, still, hz, hz[:1], np.zeros(1), 1e-3,
-        np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2), body.density,
+        np.ones(2, bool), ("seen", "seen"), True, True, np.full(2, 0.01), np.full(2, np.nan), MaterialDoubt.none(2), body.density, body.poisson,
     )  # fmt: skip
 
 
