@@ -44,7 +44,7 @@ MEANING = {
     "log10_young_over_density_sd": "one standard deviation of its log10; smaller than that of the modulus where the part swings on its own weight",
     "poisson_sd": "one standard deviation; 0 where it was told",
     "density_sd": "one standard deviation; 0 where it was told",
-    "poisson_assumed": "1 where nobody told Poisson's ratio of the part",
+    "poisson_assumed": "1 where nobody told Poisson's ratio of the part: it is what the free motion made of 0.3, or of the prior's",
     "density_assumed": "1 where nobody told the density of the part; where only the mass of all is told, parts are assumed to be alike",
     "young_relative": "modulus over that of the stiffest part that is identified; known whatever mass and size are",
     "ax": "force over mass, known whatever the mass is; NaN where no length is known",

@@ -115,13 +115,21 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
         body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
     if start.has_free_tail and settings.scene.poisson_ratio is None:
-        body = replace(body, poisson=start.poisson)
+        body = _squeezed(body, start)
     doubts = doubts_of(clip, tracks, body, start, settings, moved)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
     yield Progress("modes", text=describe_start(start, body.scale))
     for doubt in doubts:
         yield Progress("modes", text=doubt.text)
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
+
+
+def _squeezed(body: Body, start: StartValues) -> Body:
+    """With the Poisson's ratios that the free motion told."""
+    if np.array_equal(body.poisson, start.poisson):
+        return body
+    assumed = body.sources.get("poisson_ratio", f"assumed: {body.poisson[0]:g}")
+    return replace(body, poisson=start.poisson, sources=body.sources | {"poisson_ratio": f"{assumed}; what the free motion makes of it"})
 
 
 def _may_hide_a_border(body: Body, tracks: Tracks, start: StartValues, settings: Settings) -> bool:

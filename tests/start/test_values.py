@@ -113,7 +113,7 @@ def test_a_push_on_the_rim_of_a_plate_is_told_from_wind():
 def recovered(body: Body, young: np.ndarray, wind: np.ndarray) -> StartValues:
     """Start values of a body that is told as it is, from its motion in a wind."""
     truth = modes_of(body, young, finer=0.85, count=12)
-    return start_values(body, tracks(truth, motion(truth, young, wind)), PERIOD_S, settings(at_rest=True))[0]
+    return start_values(body, tracks(truth, motion(truth, young, wind)), PERIOD_S, settings(at_rest=True, poisson_ratio=body.poisson.tolist()))[0]
 
 
 def test_a_wide_plate_that_is_hardly_compressible_is_not_taken_for_stiffer():
