@@ -73,7 +73,7 @@ def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: 
     """Changes (n, m) of ln(density) and of Poisson's ratio of all parts by one standard deviation of each of what is left open, which are independent."""
     nought = np.zeros((body.parts, body.parts))
     densities = np.hstack([(0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body), nought])
-    ratios = np.hstack([nought, np.diag(poisson_sds(body, scene))])
+    ratios = np.hstack([nought, np.diag(poisson_sds(body, scene) if tail.untold.ratios is None else tail.untold.ratios.sd)])
     if bend is None or not told_by_motion(body):
         return densities, ratios
     misfit = _misfit_by_density(tail, physics, body) @ densities
