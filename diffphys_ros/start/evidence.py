@@ -63,7 +63,12 @@ class Evidence:
         return self.motion.size_m >= STILL * self.motion.noise_m
 
     @property
-    def one_direction(self) -> bool:
+    def of_points(self) -> bool:
+        """Whether points were followed, and not an outline, which shows hardly anything of how a body twists."""
+        return self.tracks.normals is None
+
+    @property
+    def _one_direction(self) -> bool:
         """Whether the tracks show nothing but motion along nearly the same direction."""
         normals = self.tracks.normals
         return normals is not None and bool(np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1] > ALIKE)
@@ -93,7 +98,7 @@ class Evidence:
         seen = Projection.of(self.motion, modal)
         moved = seen.data[first:] if first < len(seen.data) else seen.data  # none at all where the force acts to the end
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * np.sqrt((moved**2).sum(1).mean())))
-        detuned = 0 if self.one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
+        detuned = 0 if self._one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
         return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.untold, detuned)
 
     def whole(self, modal: ModalModel, support: Support) -> ForceProblem:

@@ -24,12 +24,12 @@ from .untold import poisson_sds
 ANY_DENSITY = 0.7  # of ln(density) when nothing is given: foam 30 kg/m^3, wood 600, tissue 1000, aluminium 2700 [chosen]
 
 
-def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> MaterialDoubt:
+def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray, *, twists: bool = True) -> MaterialDoubt:
     """Of the parts of a body; `contrast` is the standard deviation of ln(density) of a part where none was given, and the mass of all stays as it
-    is. `detune` (k,): by how much the frequencies of the modes are off. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
+    is. `detune` (k,): by how much the frequencies of the modes are off; `twists`: whether the tracks show a twist. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
-    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, detune)
+    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, detune, twists=twists)
     if bend is None:
         by_density, by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in mode_changes(tail, physics, body))
     else:
@@ -46,11 +46,11 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
 
 
 def material_changes(
-    tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float
+    tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float, *, twists: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Changes (n, m) of ln(density) and of Poisson's ratio by one standard deviation of each of what the tail leaves open, which are independent, and those
     of ln E that follow."""
-    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, physics.detune)
+    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, physics.detune, twists=twists)
     misfit = _misfit_by_density(tail, physics, body) @ densities + _misfit_by_poisson(tail, physics) @ ratios
     return densities, ratios, bend.young_by(misfit, len(physics.young))
 
@@ -69,7 +69,9 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     return -kinetic / kinetic.sum(1, keepdims=True), by_poisson.T
 
 
-def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _untold(
+    tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray, *, twists: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Changes (n, m) of ln(density) and of Poisson's ratio of all parts by one standard deviation of each of what is left open, which are independent."""
     nought = np.zeros((body.parts, body.parts))
     densities = np.hstack([(0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body), nought])
@@ -77,7 +79,7 @@ def _untold(tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: 
     if bend is None or not told_by_motion(body):
         return densities, ratios
     misfit = _misfit_by_density(tail, physics, body) @ densities
-    if tail.detuned:
+    if twists:
         misfit += _misfit_by_poisson(tail, physics) @ ratios
     left = _left_open(tail, physics, bend, misfit, contradiction(bend, detune))
     return densities @ left, ratios @ left

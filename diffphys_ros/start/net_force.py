@@ -184,7 +184,7 @@ class _Doubt:
         body, scene = fit.evidence.body, fit.evidence.settings.scene
         if not fit.support.has_free_tail or scene.density_kg_m3 is not None or len(modal.density) != body.parts:
             return np.zeros((len(self.force), 0))
-        changes, ratios, by_young = material_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast)
+        changes, ratios, by_young = material_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast, twists=fit.evidence.of_points)
 
         def weighed(share: float, change: np.ndarray, ratio: np.ndarray, young: np.ndarray) -> tuple[Physics, ModalModel]:
             physics = replace(fit.physics, young=fit.physics.young * np.exp(share * young), poisson=modal.poisson + share * ratio)

@@ -65,7 +65,7 @@ def start_values(
 
     evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
     support = supported(evidence)
-    untold = Untold(Densities.open(body, settings.scene), None if evidence.one_direction else Ratios.open(body, settings.scene))
+    untold = Untold(Densities.open(body, settings.scene), Ratios.open(body, settings.scene) if evidence.of_points else None)
     mesh = solid_mesh(body, (FINER if tracks.normals is not None else 1.0) * element_size(body))
     elements = Elements.of(body, mesh, apart=untold.densities is not None)
     stages = modes(elements, guess_scale) if support.has_free_tail else guess(elements, guess_scale)
@@ -154,7 +154,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
     fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(detune)))
     residual = tail.missed_m(fit.physics)
     bend = Bend.of(tail, fit.physics) if free else None
-    doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune)
+    doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune, twists=evidence.of_points)
     geometry_sd = np.hypot(_drawn_sd(evidence, clamp_sd), doubt.of_young)
     sd = _sd_of_tail(fit, bend, geometry_sd, detune) if bend is not None else sd_of_guess(evidence)
     holds = not (free and _explained_badly(fit))

@@ -106,7 +106,7 @@ def as_one_part(prepared: Prepared, log10_young_sd: float) -> Prepared:
     mean = np.array([1.7e5])
     modal = modal_model(Elements.of(body), [mean], [8])
     still = np.zeros(modal.modes)
-    one = {"young": mean, "log10_young_sd": np.array([log10_young_sd]), "identified": np.ones(1, bool), "reasons": ("seen",), "geometry_sd": np.full(1, 0.01), "young_lower": np.full(1, np.nan), "material": MaterialDoubt.none(1), "density": body.density}
+    one = {"young": mean, "log10_young_sd": np.array([log10_young_sd]), "identified": np.ones(1, bool), "reasons": ("seen",), "geometry_sd": np.full(1, 0.01), "young_lower": np.full(1, np.nan), "material": MaterialDoubt.none(1), "density": body.density, "poisson": body.poisson}
     start = replace(prepared.start, initial_displacement=still, initial_velocity=still, frequencies_hz=modal.frequencies(mean), **one)
     return replace(prepared, body=body, modal=modal, start=start)
 
