@@ -88,6 +88,8 @@ def of_simulation(prepared: Prepared, layout: Layout, explained: Explained) -> C
     if start.has_free_tail and start.modes_hold:
         return _of_both(of_start(prepared), explained)
     sd = np.sqrt(_fit_sd(prepared, layout, explained) ** 2 + start.geometry_sd**2 + GRID_SCATTER**2)
+    if not start.has_free_tail:  # then force may do what stiffness did not: of that a simulation of the same tracks tells no more than the modes
+        sd = np.maximum(sd, start.log10_young_sd)
     fault = _fault(prepared, layout, explained)
     if fault:
         return Confidence(np.maximum(sd, start.log10_young_sd), np.zeros(len(sd), bool), (fault,) * len(sd), start.young_lower)

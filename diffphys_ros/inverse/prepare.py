@@ -75,7 +75,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
     from ..depth import placed
     from ..prior import believing
-    from ..start import joint_values, joint_wanted, parted_by_stiffness, start_values
+    from ..start import freed_values, joint_values, joint_wanted, parted_by_stiffness, start_values
     from .doubts import doubts_of
     from .zones import zones_of
 
@@ -103,6 +103,10 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     if joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
+        freed = freed_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera) if settings.experiment.schedule == "auto" else None
+        if freed is not None:
+            start, modal = freed
+            yield Progress("modes", text="what follows the last force swings freely: the stiffness is read from that")
     if prior is None and _may_hide_a_border(body, tracks, start, settings):
         parted_by = parted_by_stiffness(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera)
         if parted_by is not None:

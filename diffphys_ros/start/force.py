@@ -11,13 +11,13 @@ from scipy.optimize import least_squares
 
 from ..differences import differences
 from ..footprints import Footprint
-from ..linear_systems import solved
+from ..linear_systems import inverted, solved
 from ..modes.interpolation import quadrature
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
 from .along import beside, costs_of
-from .free_tail import Physics, physical, prior_residual
+from .free_tail import DETUNED, Physics, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
@@ -168,18 +168,32 @@ class ForceProblem:
     def refine(self, physics: Physics, footprint: np.ndarray, *, believed: Believed = nothing) -> Physics:
         """Stiffness, damping and detuning on all frames, the force solved for inside (variable projection): under the force
         the body also shows how it bends at rest. `believed` gives residuals of log E (n,), in standard deviations."""
-        parts, (low, high) = len(physics.young), physics.bounds()
+        (low, high), residual = physics.bounds(), self._residual(physics, footprint, believed)
+        start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
+        found = least_squares(residual, start, bounds=(low, high), jac=self._slope(physics, residual), max_nfev=REFINEMENTS, ftol=1e-4)
+        return replace(Physics.of(found.x, len(physics.young)), density=physics.density, poisson=physics.poisson)
 
-        def slope(vector: np.ndarray) -> np.ndarray:
-            return differences(residual, vector, least=physical(len(vector), parts))
+    def left_open(self, physics: Physics, footprint: np.ndarray, *, believed: Believed = nothing) -> np.ndarray:
+        """Standard deviations (n,) of log E [natural] by all that the motion leaves open with the force, the damping and the frequencies free: Gauss-Newton
+        about what `refine` found, where a frame misses what it was found to."""
+        physics, residual = replace(physics, detune=np.zeros(DETUNED)), self._residual(physics, footprint, believed)
+        slope, missed = self._slope(physics, residual)(physics.vector()), residual(physics.vector())
+        excess = max(float(missed @ missed) / max(int(self.known.sum()) * len(self.seen.operator), 1), 1.0)
+        return np.sqrt(excess * np.maximum(np.diag(inverted(slope.T @ slope))[: len(physics.young)], 0.0))
+
+    def _residual(self, physics: Physics, footprint: np.ndarray, believed: Believed) -> Callable[[np.ndarray], np.ndarray]:
+        """Misfits over sigma and priors of Physics.vector(), the force solved for inside."""
+        parts = len(physics.young)
 
         def residual(vector: np.ndarray) -> np.ndarray:
             seen = self.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
             return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
-        start = np.clip(physics.vector(), low + 1e-9, high - 1e-9)
-        found = least_squares(residual, start, bounds=(low, high), jac=slope, max_nfev=REFINEMENTS, ftol=1e-4)
-        return replace(Physics.of(found.x, parts), density=physics.density, poisson=physics.poisson)
+        return residual
+
+    @staticmethod
+    def _slope(physics: Physics, residual: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda vector: differences(residual, vector, least=physical(len(vector), len(physics.young)))
 
     def edges(self, physics: Physics) -> tuple[int, int]:
         """How many more frames before and after carry a force: onsets and ends too weak for the recursion show in the motion."""

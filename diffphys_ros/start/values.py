@@ -60,11 +60,16 @@ def start_values(
         belief: Young's moduli to take where there is no free tail; without it a guess from the clip's strongest frequency.
         guess_scale: factor on the first guess of Young's modulus, which the search must forget.
     """
+    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
+    return values_under(evidence, supported(evidence), guess_scale)
+
+
+def values_under(evidence: Evidence, support: Support, guess_scale: float = 1.0) -> tuple[StartValues, ModalModel]:
+    """The same where it is known which frames may carry a force, and whether a free tail follows them."""
     from ..elements.assemble import Elements
     from ..elements.mesh import element_size, solid_mesh
 
-    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, belief)
-    support = supported(evidence)
+    body, tracks, settings = evidence.body, evidence.tracks, evidence.settings
     untold = Untold(Densities.open(body, settings.scene), Ratios.open(body, settings.scene) if evidence.of_points else None)
     mesh = solid_mesh(body, (FINER if tracks.normals is not None else 1.0) * element_size(body))
     elements = Elements.of(body, mesh, apart=untold.densities is not None)
@@ -105,23 +110,24 @@ def joint_values(
     spread = np.ptp(logs, axis=0) if len(logs) > 1 else np.full(logs.shape[1], LONE_SD)
     free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
     # a shorter swing passes for a push
+    open_sd = best.whole.left_open(best.physics, best.load, believed=evidence.believed) / np.log(10.0)
     needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
     motion = of_motion(best)
     missed, moved = _missed_m(evidence, motion["track_cost"])
     badly = explained_badly(missed, evidence.motion.coherent_m, moved)
-    told = (spread < AGREEMENT) & (free >= needed) & evidence.moves & (not badly)
+    told = (spread < AGREEMENT) & (open_sd < WIDEST_SD) & (free >= needed) & evidence.moves & (not badly)
     reason = (
         f"no free tail; joint fit of stiffness and force with {free} force-free frames (needs {needed}), "
-        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g})"
+        f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g}), which the motion under a free force tells to +-{{:.2f}} (needs {WIDEST_SD:g})"
         + (f", and the motion differs from the fitted by {1e3 * missed:.2f} mm of {1e3 * moved:.2f} mm; check mask, thickness and parts." if badly else ".")
     )
-    sd = np.hypot(np.maximum(spread, LEAST_SD), start.geometry_sd)
+    sd = np.minimum(np.hypot(np.maximum(np.maximum(spread, LEAST_SD), open_sd), start.geometry_sd), OPEN_SD)
     return replace(
         start,
         **motion,
         log10_young_sd=sd if belief is None else np.minimum(sd, belief.log10_young_sd),
         identified=told,
-        reasons=tuple(reason.format(s) for s in spread),
+        reasons=tuple(reason.format(s, o) for s, o in zip(spread, open_sd, strict=True)),
     )
 
 

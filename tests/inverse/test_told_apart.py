@@ -26,7 +26,7 @@ def seen_parts(monkeypatch: pytest.MonkeyPatch):
 
     def halved(body, tracks, period_s, settings, start, modal, *, camera):
         part = np.where(body.front.points[:, 0] > 0.1, 2, 1)
-        return Parted(replace(body.with_parts(part, np.full(2, 500.0), np.full(2, 0.3)), sources=body.sources | {"parts": "by stiffness"}), replace(start, density=np.full(2, 500.0)), modal)
+        return Parted(replace(body.with_parts(part, np.full(2, 500.0), np.full(2, 0.3)), sources=body.sources | {"parts": "by stiffness"}), replace(start, density=np.full(2, 500.0), poisson=np.full(2, 0.3)), modal)
 
     monkeypatch.setattr(diffphys_ros.start, "start_values", free)
     monkeypatch.setattr(diffphys_ros.start, "parted_by_stiffness", halved)
@@ -41,3 +41,22 @@ def test_a_border_that_the_free_motion_asks_for_parts_the_body(seen_parts):
 @pytest.mark.slow
 def test_none_is_asked_for_where_one_part_is_wanted(seen_parts):
     assert seen_parts(segment__max_parts=1) == 1
+
+
+@pytest.mark.slow
+def test_what_follows_the_last_force_of_a_joint_fit_is_asked_for_the_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
+    clip = box_clip(bar(), [turned(0.06 * np.sin(0.7 * k)) for k in range(12)], camera_at((0.12, -0.6, 0.0), (0.12, 0, 0)))
+    first = diffphys_ros.start.start_values
+
+    def forced(*told: object, **more: object):
+        start, modal = first(*told, **more)
+        return replace(start, has_free_tail=False), modal
+
+    def freed(body, tracks, period_s, settings, start, modal, *, camera):
+        assert start.reasons == ("jointly",)
+        return replace(start, reasons=("freed",), has_free_tail=True), modal
+
+    monkeypatch.setattr(diffphys_ros.start, "start_values", forced)
+    monkeypatch.setattr(diffphys_ros.start, "joint_values", lambda *told, **more: replace(told[4], reasons=("jointly",)))
+    monkeypatch.setattr(diffphys_ros.start, "freed_values", freed)
+    assert finished(prepare(clip, bar_settings())).start.reasons == ("freed",)

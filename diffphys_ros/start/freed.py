@@ -1,0 +1,36 @@
+"""The free tail that a joint fit of stiffness and force uncovers where the motion alone does not show it: two modes of nearly equal frequency beat, and what
+swells passes for pushed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..config import Settings
+from ..modes.model import ModalModel
+from ..types import Body, Camera, StartValues, Tracks
+from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
+from .second_reading import fit_at
+from .values import LEAST_SD, values_under, widened
+
+UNSEEN = "the motion alone does not show where its free part begins"
+
+
+def freed_values(
+    body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera
+) -> tuple[StartValues, ModalModel] | None:
+    """Start values by the frames after the last force of a joint fit, to LEAST_SD of log10 E at best, and their modes; None where that tells no stiffness, where those
+    frames are too few, or where free modes do not explain them. Arguments as for joint_values, whose result `start` is."""
+    if start.has_free_tail or not start.identified.any() or tracks.normals is not None:
+        return None
+    fit = fit_at(body, tracks, period_s, settings, start, modal, camera=camera, first_order=False)
+    leading = fit.tail.leading_mode(start.young)
+    omega2 = modal.eigen(start.young)[0][leading]
+    hz, decay = math.sqrt(max(float(omega2), 0.0)) / (2 * np.pi), float(start.damping.decay(omega2))
+    support = replace(fit.support, has_free_tail=True, frequencies_hz=np.array([hz]), decay_per_s=np.array([decay]))
+    if len(start.forced) - support.tail_start < max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(hz * period_s, 1 / len(start.forced)))):
+        return None
+    found, modes = values_under(replace(fit.evidence, belief=None), support)
+    return (widened(found, LEAST_SD, UNSEEN), modes) if found.modes_hold and found.identified.any() else None
