@@ -58,6 +58,16 @@ def bar(
     )
 
 
+def blade(poisson: float) -> Body:
+    """Wide and thin, of two parts; twisting is its third mode."""
+    return bar(length=0.4, height=0.12, thickness=0.03, edges=(0.2,), poisson=poisson)
+
+
+def push_on_its_corner(modal: ModalModel, push: np.ndarray) -> np.ndarray:
+    """Modal loads (T, r) of a force density (T, 3) [N/m^3] on the corner of a blade."""
+    return push @ modal.footprint_load(lambda points: (points[:, 0] > 0.25) * (points[:, 1] > 0.02)).T
+
+
 def modes_of(body: Body, young: np.ndarray, *, finer: float = 1.0, count: int = 8) -> ModalModel:
     """Modes at Young's moduli on a mesh of its own size."""
     mesh = solid_mesh(body, finer * element_size(body))

@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "ways", "colours"}
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "ways", "colours", "hooke"}
 SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
@@ -37,6 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "differences": set(),
     "rotations": set(),
     "colours": set(),
+    "hooke": set(),
     "npz": set(),
     "typed": set(),
     "store": {"errors", "npz", "typed"},

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +16,7 @@ from skfem import Basis, BilinearForm, ElementTetP2, MeshTet, asm
 from skfem.helpers import trace
 
 from ..errors import InputError
+from ..hooke import lame, lame_by_poisson
 from ..modes.model import ModalModel
 from ..types import Body
 from .mesh import SolidMesh, solid_mesh
@@ -85,12 +85,16 @@ class Elements:
     @cached_property
     def stiffness(self) -> list[sp.csc_matrix]:
         """Per part, of E = 1 Pa, (D, D)."""
-        return [lam * dilation + mu * shear for (dilation, shear), (lam, mu) in zip(self.moduli, map(lame, self.poisson), strict=True)]
+        return self._mixed([lame(1.0, nu) for nu in self.poisson])
 
     @cached_property
     def by_poisson(self) -> list[sp.csc_matrix]:
         """Derivatives of `stiffness` by Poisson's ratio, (D, D)."""
-        return [lam * dilation + mu * shear for (dilation, shear), (lam, mu) in zip(self.moduli, map(lame_changes, self.poisson), strict=True)]
+        return self._mixed([lame_by_poisson(nu) for nu in self.poisson])
+
+    def _mixed(self, constants: list[tuple[float, float]]) -> list[sp.csc_matrix]:
+        """Stiffness per part (D, D) of a lambda and a mu [Pa] each."""
+        return [lam * dilation + mu * shear for (dilation, shear), (lam, mu) in zip(self.moduli, constants, strict=True)]
 
     @cached_property
     def mass(self) -> sp.csc_matrix:
@@ -126,7 +130,7 @@ class Elements:
         slope = np.stack([basis.interpolate(sag[c::3]).grad for c in range(3)])
         strain = 0.5 * (slope + np.swapaxes(slope, 0, 1))
         e, nu = np.asarray(young, float)[self.part - 1], self.poisson[self.part - 1]
-        lam, mu = ((e * each)[:, None] for each in lame(nu))
+        lam, mu = (each[:, None] for each in lame(e, nu))
         stress = 2 * mu * strain + lam * trace(strain) * np.eye(3)[:, :, None, None]
         form = BilinearForm(lambda u, v, w: np.einsum("ij...,i...,j...->...", w.stress, u.grad, v.grad))
         return sp.kron(asm(form, basis, stress=stress), sp.identity(3)).tocsr()[self.free][:, self.free].tocsc()
@@ -157,16 +161,6 @@ _SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options"
 def _scalar_mass(basis: Basis, density: np.ndarray) -> sp.csr_matrix:
     form = BilinearForm(lambda u, v, w: w.rho * u * v)
     return asm(form, basis, rho=np.broadcast_to(density[:, None], basis.dx.shape))
-
-
-def lame(poisson: Any) -> tuple[Any, Any]:
-    """Lame's lambda and mu over Young's modulus, of a Poisson's ratio or of many."""
-    return poisson / ((1 + poisson) * (1 - 2 * poisson)), 1 / (2 * (1 + poisson))
-
-
-def lame_changes(poisson: Any) -> tuple[Any, Any]:
-    """Derivatives of `lame` by Poisson's ratio."""
-    return (1 + 2 * poisson**2) / ((1 + poisson) * (1 - 2 * poisson)) ** 2, -1 / (2 * (1 + poisson) ** 2)
 
 
 def _part_moduli(grid: MeshTet, chosen: np.ndarray, free: np.ndarray) -> tuple[sp.csc_matrix, sp.csc_matrix]:

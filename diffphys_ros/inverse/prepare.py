@@ -116,10 +116,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         start = with_hanging(start, seen.hanging)
         hanging = replace(seen.hanging, swing=swing_of(seen.whole, seen, start))
         yield Progress("modes", text=describe_swing(hanging.swing))
-    if start.has_free_tail and body.parts > 1 and settings.scene.density_kg_m3 is None:
-        body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
-    if start.has_free_tail and settings.scene.poisson_ratio is None:
-        body = _squeezed(body, start)
+    body = _as_told_by_motion(body, start, settings.scene)
     doubts = doubts_of(clip, tracks, body, start, settings, moved)
     prepared = Prepared(clip, depth0, source.words, tracks, body, start, modal, prior, doubts=doubts, hanging=hanging)
     yield Progress("modes", text=describe_start(start, body.scale))
@@ -128,12 +125,16 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     return replace(prepared, zones=(yield from zones_of(prepared, settings)))
 
 
-def _squeezed(body: Body, start: StartValues) -> Body:
-    """With the Poisson's ratios that the free motion told."""
-    if np.array_equal(body.poisson, start.poisson):
+def _as_told_by_motion(body: Body, start: StartValues, scene: Scene) -> Body:
+    """With the densities and Poisson's ratios that nobody told and the free motion did."""
+    if not start.has_free_tail:
         return body
-    assumed = body.sources.get("poisson_ratio", f"assumed: {body.poisson[0]:g}")
-    return replace(body, poisson=start.poisson, sources=body.sources | {"poisson_ratio": f"{assumed}; what the free motion makes of it"})
+    if body.parts > 1 and scene.density_kg_m3 is None:
+        body = replace(body, density=start.density, sources=body.sources | {"density": f"{body.sources['density']}; what each part has of it, from the free motion"})
+    if scene.poisson_ratio is None and not np.array_equal(body.poisson, start.poisson):
+        assumed = body.sources.get("poisson_ratio", f"assumed: {body.poisson[0]:g}")
+        body = replace(body, poisson=start.poisson, sources=body.sources | {"poisson_ratio": f"{assumed}; what the free motion makes of it"})
+    return body
 
 
 def _may_hide_a_border(body: Body, tracks: Tracks, start: StartValues, settings: Settings) -> bool:

@@ -73,9 +73,9 @@ class ModalModel:
         change = (1 + self.poisson) * (poisson - self.poisson) / (1 + poisson)
         return self.stiffness + change[:, None, None] * self.by_poisson
 
-    def matrix(self, young: np.ndarray) -> np.ndarray:
-        """K [1/s^2] (r, r) at Young's moduli (n,) [Pa]."""
-        return self.elastic(young) + self.geometric + self.retuning
+    def matrix(self, young: np.ndarray, poisson: np.ndarray | None = None) -> np.ndarray:
+        """K [1/s^2] (r, r) at Young's moduli (n,) [Pa] and Poisson's ratios (n,); None: those of the model."""
+        return self.elastic(young, poisson) + self.geometric + self.retuning
 
     def eigen(self, young: np.ndarray, density: np.ndarray | None = None, poisson: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Squared angular frequencies (r,) [1/s^2], lowest first, and mass-orthonormal mode shapes (r, r) as columns of basis coordinates,
@@ -86,8 +86,7 @@ class ModalModel:
         """
         asked, last = np.concatenate([young, *((np.nan,) if each is None else each for each in (density, poisson))]).tobytes(), self._last
         if last is None or last[0] != asked:
-            elastic = self.elastic(young, poisson)
-            last = (asked, *(np.linalg.eigh(elastic + self.geometric + self.retuning) if density is None else self._eigen_of(elastic, density / self.density)))
+            last = (asked, *(np.linalg.eigh(self.matrix(young, poisson)) if density is None else self._eigen_of(self.elastic(young, poisson), density / self.density)))
             object.__setattr__(self, "_last", last)
         return last[1].copy(), last[2].copy()
 

@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from ..errors import InputError
+from ..hooke import lame
 from ..types import Grid, Particles
 from .borders import Handle
 
@@ -69,8 +70,7 @@ def _held(grid: Grid, handle: Handle | None) -> np.ndarray:
 
 def _stiffness(particles: Particles, slope: list[sparse.csr_matrix], young: np.ndarray | float) -> sparse.csr_matrix:
     """Of Hooke's law: 2 mu |eps|^2 + lam tr(eps)^2 is twice the energy density."""
-    nu = particles.poisson
-    mu, lam = young / (2 * (1 + nu)), young * nu / ((1 + nu) * (1 - 2 * nu))
+    lam, mu = lame(young, particles.poisson)
     zero = sparse.csr_matrix(slope[0].shape)
     total = sparse.csr_matrix((3 * zero.shape[1],) * 2)
     for a, b in STRAINS:

@@ -224,11 +224,11 @@ class Tail:
         density = physics.density if physics.density is not None or untold.densities is None else modal.density
         poisson = physics.poisson if physics.poisson is not None or untold.ratios is None else modal.poisson
         squares, by_squares, by_shapes = modal.eigen_changes(physics.young, density, poisson)
-        weighed = 0 if density is None else len(density)
-        sought = np.r_[parts : parts + (weighed if untold.densities else 0), parts + weighed : parts + weighed + (parts if untold.ratios else 0)].astype(int)
+        given = [0 if each is None else len(each) for each in (density, poisson)]
+        sought = np.repeat([untold.densities is not None, untold.ratios is not None], given)
         turn = untold.slope(density).T
-        by_squares = np.concatenate([by_squares[:parts], turn @ by_squares[sought]])
-        by_shapes = np.concatenate([by_shapes[:parts], np.tensordot(turn, by_shapes[sought], 1)])
+        by_squares = np.concatenate([by_squares[:parts], turn @ by_squares[parts:][sought]])
+        by_shapes = np.concatenate([by_shapes[:parts], np.tensordot(turn, by_shapes[parts:][sought], 1)])
         first = parts + 2 + untold.size
         return np.r_[:parts, parts + 2 : first], first, squares, by_squares, by_shapes
 

@@ -3,7 +3,6 @@ swells passes for pushed."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +10,9 @@ import numpy as np
 from ..config import Settings
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
-from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS
+from ..vibration.forced_frames import least_tail_frames
 from .second_reading import fit_at
-from .values import LEAST_SD, values_under, widened
+from .values import LEAST_SD, one_swing_hz, values_under, widened
 
 UNSEEN = "the motion alone does not show where its free part begins"
 
@@ -26,11 +25,9 @@ def freed_values(
     if start.has_free_tail or not start.identified.any() or tracks.normals is not None:
         return None
     fit = fit_at(body, tracks, period_s, settings, start, modal, camera=camera, first_order=False)
-    leading = fit.tail.leading_mode(start.young)
-    omega2 = modal.eigen(start.young)[0][leading]
-    hz, decay = math.sqrt(max(float(omega2), 0.0)) / (2 * np.pi), float(start.damping.decay(omega2))
-    support = replace(fit.support, has_free_tail=True, frequencies_hz=np.array([hz]), decay_per_s=np.array([decay]))
-    if len(start.forced) - support.tail_start < max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(hz * period_s, 1 / len(start.forced)))):
+    hz = modal.frequencies(start.young)[[fit.tail.leading_mode(start.young)]]
+    support = replace(fit.support, has_free_tail=True, frequencies_hz=hz, decay_per_s=start.damping.decay((2 * np.pi * hz) ** 2))
+    if len(start.forced) - support.tail_start < least_tail_frames(max(float(hz[0]), one_swing_hz(fit.evidence)), period_s):
         return None
     found, modes = values_under(replace(fit.evidence, belief=None), support)
     return (widened(found, LEAST_SD, UNSEEN), modes) if found.modes_hold and found.identified.any() else None

@@ -29,13 +29,12 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
     is. `detune` (k,): by how much the frequencies of the modes are off; `twists`: whether the tracks show a twist. Without a tail fit (`bend` None) E of all parts goes with the lowest mode."""
     if scene.density_kg_m3 is not None and scene.poisson_ratio is not None:
         return MaterialDoubt.none(body.parts)
-    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, detune, twists=twists)
     if bend is None:
+        densities, ratios = _before(tail, body, scene, contrast)
         by_density, by_poisson = (np.tile(-by[0], (body.parts, 1)) for by in mode_changes(tail, physics, body))
+        young = by_density @ densities + by_poisson @ ratios
     else:
-        misfits = _misfit_by_density(tail, physics, body), _misfit_by_poisson(tail, physics)
-        by_density, by_poisson = (bend.young_by(misfit, len(physics.young)) for misfit in misfits)
-    young = by_density @ densities + by_poisson @ ratios
+        densities, ratios, young = material_changes(tail, physics, bend, body, scene, contrast, detune, twists=twists)
     nothing = scene.density_kg_m3 is None and scene.mass_kg is None
     return MaterialDoubt(
         density_log_sd=np.hypot(_lengths(densities), ANY_DENSITY if nothing else 0.0),
@@ -46,13 +45,16 @@ def material_doubt(tail: Tail, physics: Physics, bend: Bend | None, body: Body, 
 
 
 def material_changes(
-    tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float, *, twists: bool
+    tail: Tail, physics: Physics, bend: Bend, body: Body, scene: Scene, contrast: float, detune: np.ndarray, *, twists: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Changes (n, m) of ln(density) and of Poisson's ratio by one standard deviation of each of what the tail leaves open, which are independent, and those
-    of ln E that follow."""
-    densities, ratios = _untold(tail, physics, bend, body, scene, contrast, physics.detune, twists=twists)
-    misfit = _misfit_by_density(tail, physics, body) @ densities + _misfit_by_poisson(tail, physics) @ ratios
-    return densities, ratios, bend.young_by(misfit, len(physics.young))
+    of ln E that follow. Arguments as for material_doubt."""
+    densities, ratios = _before(tail, body, scene, contrast)
+    by_density, by_poisson = _misfit_by_density(tail, physics, body) @ densities, _misfit_by_poisson(tail, physics) @ ratios
+    left = np.eye(len(densities.T))
+    if told_by_motion(body):
+        left = _left_open(tail, physics, bend, by_density + by_poisson if twists else by_density, contradiction(bend, detune))
+    return densities @ left, ratios @ left, bend.young_by((by_density + by_poisson) @ left, len(physics.young))
 
 
 def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, np.ndarray]:
@@ -69,20 +71,12 @@ def mode_changes(tail: Tail, physics: Physics, body: Body) -> tuple[np.ndarray, 
     return -kinetic / kinetic.sum(1, keepdims=True), by_poisson.T
 
 
-def _untold(
-    tail: Tail, physics: Physics, bend: Bend | None, body: Body, scene: Scene, contrast: float, detune: np.ndarray, *, twists: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Changes (n, m) of ln(density) and of Poisson's ratio of all parts by one standard deviation of each of what is left open, which are independent."""
+def _before(tail: Tail, body: Body, scene: Scene, contrast: float) -> tuple[np.ndarray, np.ndarray]:
+    """Changes (n, m) of ln(density) and of Poisson's ratio of all parts by one standard deviation of each of what is open before the tail is looked at."""
     nought = np.zeros((body.parts, body.parts))
-    densities = np.hstack([(0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body), nought])
-    ratios = np.hstack([nought, np.diag(poisson_sds(body, scene) if tail.untold.ratios is None else tail.untold.ratios.sd)])
-    if bend is None or not told_by_motion(body):
-        return densities, ratios
-    misfit = _misfit_by_density(tail, physics, body) @ densities
-    if twists:
-        misfit += _misfit_by_poisson(tail, physics) @ ratios
-    left = _left_open(tail, physics, bend, misfit, contradiction(bend, detune))
-    return densities @ left, ratios @ left
+    densities = (0.0 if scene.density_kg_m3 is not None else contrast) * _of_equal_mass(body)
+    ratios = np.diag(poisson_sds(body, scene) if tail.untold.ratios is None else tail.untold.ratios.sd)
+    return np.hstack([densities, nought]), np.hstack([nought, ratios])
 
 
 def _of_equal_mass(body: Body) -> np.ndarray:

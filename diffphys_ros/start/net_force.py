@@ -77,7 +77,7 @@ def net_force_doubt(fit: Fit, log10_young_sd: np.ndarray, *, missed_m: float | N
     """Of the force of a fit. Without a free tail E is off by `log10_young_sd` (n,), and nothing else is asked of the material. `missed_m`: what is missed of a
     frame [m] where the fit is to a motion without error."""
     doubt = _Doubt(fit, missed_m)
-    changes = np.hstack([doubt.by_physics(log10_young_sd), doubt.by_density(density_contrast)])
+    changes = np.hstack([doubt.by_physics(log10_young_sd), doubt.by_material(density_contrast)])
     scatter, unseen = doubt.missed()
     elsewhere, probability = doubt.by_place()
     shape = (-1, len(doubt.force) // 3, 3)
@@ -178,13 +178,13 @@ class _Doubt:
 
         return self._changes(((changed(share * step), None), share) for step, share in _shares(steps))
 
-    def by_density(self, contrast: float) -> np.ndarray:
-        """Changes (3 F, m) by one standard deviation of what is open of the densities, with what E then takes on."""
+    def by_material(self, contrast: float) -> np.ndarray:
+        """Changes (3 F, m) by one standard deviation of what is open of densities that nobody told, and of Poisson's ratios with them, with what E then takes on."""
         fit, modal = self.fit, self.fit.modal
         body, scene = fit.evidence.body, fit.evidence.settings.scene
         if not fit.support.has_free_tail or scene.density_kg_m3 is not None or len(modal.density) != body.parts:
             return np.zeros((len(self.force), 0))
-        changes, ratios, by_young = material_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast, twists=fit.evidence.of_points)
+        changes, ratios, by_young = material_changes(fit.tail, fit.physics, Bend.of(fit.tail, fit.physics), body, scene, contrast, fit.physics.detune, twists=fit.evidence.of_points)
 
         def weighed(share: float, change: np.ndarray, ratio: np.ndarray, young: np.ndarray) -> tuple[Physics, ModalModel]:
             physics = replace(fit.physics, young=fit.physics.young * np.exp(share * young), poisson=modal.poisson + share * ratio)

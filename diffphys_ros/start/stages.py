@@ -13,7 +13,7 @@ import numpy as np
 from ..damping import Damping
 from ..footprints import Footprint
 from ..modes.model import ModalModel
-from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, bridged
+from ..vibration.forced_frames import LEAST_TAIL_FRAMES, Support, bridged, least_tail_frames
 from .along import costs_of
 from .evidence import Evidence
 from .expected import expecting
@@ -183,7 +183,7 @@ def _later_tail(fit: Fit) -> Fit:
     if missed <= MISSED * fit.tail.sigma_m:
         return fit
     hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
-    needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / (hz * fit.evidence.period_s)))
+    needed = least_tail_frames(hz, fit.evidence.period_s)
     room = len(fit.whole.known) - needed - fit.support.tail_start
     found = []
     for later in range(LATER, room + 1, max(LATER, math.ceil(room / TAILS))):

@@ -12,7 +12,7 @@ from ..config import Settings
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
-from ..vibration.forced_frames import LEAST_TAIL_FRAMES, LEAST_TAIL_PERIODS, Support, find_support
+from ..vibration.forced_frames import Support, find_support, least_tail_frames
 from ..vibration.thinning import find_slow_support
 from .clamp_doubt import clamp_doubt
 from .densities import DENSITY_CONTRAST, Densities
@@ -109,9 +109,8 @@ def joint_values(
     logs = np.array([np.log10(fit.physics.young) for fit, c in zip(found, costs, strict=True) if c <= NEARLY * cost])
     spread = np.ptp(logs, axis=0) if len(logs) > 1 else np.full(logs.shape[1], LONE_SD)
     free, frequencies = int((~best.whole.allowed).sum()), modal.frequencies(best.physics.young)
-    # a shorter swing passes for a push
+    needed = least_tail_frames(max(frequencies[0], one_swing_hz(evidence)), period_s)  # a shorter swing passes for a push
     open_sd = best.whole.left_open(best.physics, best.load, believed=evidence.believed) / np.log(10.0)
-    needed = max(LEAST_TAIL_FRAMES, math.ceil(LEAST_TAIL_PERIODS / max(frequencies[0] * period_s, 1 / len(best.whole.known))))
     motion = of_motion(best)
     missed, moved = _missed_m(evidence, motion["track_cost"])
     badly = explained_badly(missed, evidence.motion.coherent_m, moved)
@@ -121,7 +120,7 @@ def joint_values(
         f"starts agree within {{:.2f}} in log10 E (needs {AGREEMENT:g}), which the motion under a free force tells to +-{{:.2f}} (needs {WIDEST_SD:g})"
         + (f", and the motion differs from the fitted by {1e3 * missed:.2f} mm of {1e3 * moved:.2f} mm; check mask, thickness and parts." if badly else ".")
     )
-    sd = np.minimum(np.hypot(np.maximum(np.maximum(spread, LEAST_SD), open_sd), start.geometry_sd), OPEN_SD)
+    sd = np.minimum(np.hypot(np.maximum(np.maximum(spread, open_sd), LEAST_SD), start.geometry_sd), OPEN_SD)
     return replace(
         start,
         **motion,
@@ -129,6 +128,11 @@ def joint_values(
         identified=told,
         reasons=tuple(reason.format(s, o) for s, o in zip(spread, open_sd, strict=True)),
     )
+
+
+def one_swing_hz(evidence: Evidence) -> float:
+    """The frequency of one swing in the whole clip: a slower one cannot be told."""
+    return 1 / (len(evidence.motion.known) * evidence.period_s)
 
 
 def _missed_m(evidence: Evidence, track_cost: float) -> tuple[float, float]:

@@ -28,6 +28,11 @@ LARGEST_GROWTH, SURELY = 0.25, 3.0  # of the log amplitude over a free tail; and
 WORST_TAIL = 0.15  # misfit of the recursion, as a share of the motion in the tail, beyond which there is no free tail [chosen]
 
 
+def least_tail_frames(hz: float, period_s: float) -> int:
+    """Frames that a free tail lasts at the least, whose leading oscillation has this frequency."""
+    return max(LEAST_TAIL_FRAMES, int(np.ceil(LEAST_TAIL_PERIODS / (hz * period_s))))
+
+
 @dataclass(frozen=True)
 class Support:
     """Forced frames and free oscillation."""

@@ -48,6 +48,7 @@ def test_a_part_whose_stiffness_nothing_tells_ends_with_the_motion_explained_and
     assert np.isfinite(found.young).all()
     assert found.track_cost < 0.2
     assert not found.identified[1]
+    assert found.log10_young_sd[1] > 0.3
     assert "starts agree within" in found.reasons[1]
 
 

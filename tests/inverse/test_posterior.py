@@ -62,6 +62,13 @@ def test_a_border_that_may_hide_makes_a_simulated_stiffness_as_unsure_where_the_
     assert "stiffness may change" not in found.reasons[1]
 
 
+def test_a_simulation_without_a_free_tail_is_no_surer_than_modes_under_a_free_force(prepared):
+    start = replace(prepared.start, has_free_tail=False, log10_young_sd=np.array([0.25, 0.4]))
+    found = said(replace(prepared, start=start))
+    assert (found.log10_young_sd >= start.log10_young_sd).all()
+    assert found.identified.tolist() == [True, False]
+
+
 def test_a_misfit_within_the_noise_is_forgiven_however_small_the_motion(prepared):
     noisy = replace(prepared, tracks=replace(prepared.tracks, noise_m=5e-4))
     assert said(noisy, missed_m=0.2 * SIZE_M).force_identified

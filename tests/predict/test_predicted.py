@@ -28,8 +28,8 @@ from tests.quick_batch import QUICK_FLAGS, QUICK_WORDS
 from tools.sample_maker.messages import clip_messages
 
 FITTED, KEPT_BACK = 26, 10  # of the sample's 36 frames; its force ends with frame 10
-FLAGS = QUICK_FLAGS | {"experiment.refine_frames": 0, "frames.fit": FITTED, "frames.predict": KEPT_BACK}
-WORDS = (*QUICK_WORDS, "--experiment.refine_frames", "0", "--frames.fit", str(FITTED), "--frames.predict", str(KEPT_BACK))
+FLAGS = QUICK_FLAGS | {"experiment.refine_frames": 0, "frames.fit": FITTED, "scene.poisson_ratio": [0.3], "frames.predict": KEPT_BACK}
+WORDS = (*QUICK_WORDS, "--experiment.refine_frames", "0", "--frames.fit", str(FITTED), "--scene.poisson_ratio", "[0.3]", "--frames.predict", str(KEPT_BACK))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def test_a_prediction_that_leaves_the_grid_is_a_note(found: Found, monkeypatch: 
 
 def test_a_truth_of_more_frames_scores_it_and_the_summary_has_a_column(found: Found, tmp_path: Path) -> None:
     scored = score_folder(found.saved(tmp_path), sample_folder() / "truth.npz")
-    assert abs(scored["young_log10_error"][0]) < min(0.06, scored["young_log10_sd"][0])  # type: ignore[index,operator,type-var]
+    assert abs(scored["young_log10_error"][0]) < 0.05  # type: ignore[index]
     assert scored["trajectory_rmse_over_rms_motion"] < 0.1  # type: ignore[operator]
     assert figures_of(tmp_path)[PREDICTED] == found.recovery.metrics["prediction"]["over_rms_motion"]  # type: ignore[index]
 

@@ -12,16 +12,11 @@ from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import freed_values, joint_values, start_values
 from diffphys_ros.start.values import LEAST_SD
 from diffphys_ros.types import Body, StartValues, Tracks
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, bar, camera, modes_of, settings, tracks
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, blade, camera, modes_of, push_on_its_corner, settings, tracks
 
 YOUNG = np.array([1.2e6, 2.4e6])  # Pa
 RUBBER = 0.42
 TOLD = settings(at_rest=True)
-
-
-def blade(poisson: float) -> Body:
-    """Wide and thin, of two parts; twisting is its third mode."""
-    return bar(length=0.4, height=0.12, thickness=0.03, edges=(0.2,), poisson=poisson)
 
 
 def seen(frames: range) -> Tracks:
@@ -29,7 +24,7 @@ def seen(frames: range) -> Tracks:
     truth = modes_of(blade(RUBBER), YOUNG, count=12)
     push = np.zeros((FRAMES, 3))
     push[frames.start : frames.stop] = np.outer(1 + 0.4 * np.sin(2.1 * np.arange(len(frames))), (0.0, 2500.0, 2000.0))
-    load = push @ truth.footprint_load(lambda points: (points[:, 0] > 0.25) * (points[:, 1] > 0.02)).T
+    load = push_on_its_corner(truth, push)
     return tracks(truth, truth.respond(YOUNG, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S))
 
 

@@ -12,16 +12,11 @@ from diffphys_ros.elements.assemble import Elements, modal_model
 from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import Densities
 from diffphys_ros.start.untold import MOST_POISSON, POISSON_SD, Ratios, Untold
-from diffphys_ros.types import Body, StartValues
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, bar, modes_of, settings, tracks
+from diffphys_ros.types import StartValues
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, bar, blade, modes_of, push_on_its_corner, settings, tracks
 
 YOUNG = np.array([1.2e6, 2.4e6])  # Pa: the outer part is the stiffer one, and hardly strains
 RUBBER = 0.42
-
-
-def blade(poisson: float) -> Body:
-    """Wide and thin, of two parts; twisting is its third mode."""
-    return bar(length=0.4, height=0.12, thickness=0.03, edges=(0.2,), poisson=poisson)
 
 
 def twisted(told: list[float] | None) -> StartValues:
@@ -29,7 +24,7 @@ def twisted(told: list[float] | None) -> StartValues:
     truth = modes_of(blade(RUBBER), YOUNG, count=12)
     blow = np.zeros((FRAMES, 3))
     blow[FORCED.start : FORCED.start + 2] = (0.0, 6000.0, 5000.0)
-    load = blow @ truth.footprint_load(lambda points: (points[:, 0] > 0.25) * (points[:, 1] > 0.02)).T
+    load = push_on_its_corner(truth, blow)
     q = truth.respond(YOUNG, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S)
     assumed = blade(told[0] if told else 0.3)
     return start_values(assumed, tracks(truth, q), PERIOD_S, settings(at_rest=True, poisson_ratio=told))[0]

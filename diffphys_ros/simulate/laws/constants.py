@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ...errors import InputError
+from ...hooke import lame
 from .law import CONSTANTS, Law
 
 Given = Mapping[str, float | np.ndarray | Tensor]
@@ -29,8 +30,7 @@ def checked(name: str, law: Law, given: Given) -> Given:
 
 def stacked(law: Law, young: Tensor, poisson: Tensor, given: Given, like: Tensor) -> Tensor:
     """Lame's mu and lam [Pa], then the law's own, (P, 4) for `like` (P,); differentiable in all of them."""
-    mu = young / (2 * (1 + poisson))
-    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    lam, mu = lame(young, poisson)
     own = [given.get(p.name, p.default) for p in law.parameters]
     known = torch.stack([_number(v, like).expand_as(like) for v in (mu, lam, *own)], -1)
     return torch.nn.functional.pad(known, (0, CONSTANTS - known.shape[-1]))
