@@ -106,6 +106,7 @@ def test_a_second_gust_that_was_read_as_free_motion_is_found_where_the_modes_do_
         return replace(support, forced=forced, has_free_tail=True)
 
     monkeypatch.setattr(values, "find_support", blind)
+    monkeypatch.setattr(ForceProblem, "edges", lambda *_: (0, 0))  # which would find it as well, frame by frame
     found = start_values(body, seen, PERIOD_S, AT_REST)[0]
     assert found.forced[FORCED.start + second : FORCED.stop + second].all()
     assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
