@@ -1,8 +1,8 @@
 """How surely the net force is known: the covariance of what is off about it, over all frames.
 
 Four things are off, independent of each other: what the film and the modes miss of the motion, together with what the priors on the force took off; stiffness
-and damping; densities that nobody told; and the place on the body where the force acts, over which the evidence is averaged. All but the first are taken by
-solving for the force again.
+and damping; densities that nobody told; and the place on the body where the force acts, over which the evidence is averaged, and what is open near it. All but the
+first are taken by solving for the force again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .expected import ALONG, across_squared, alike, together
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import material_changes
-from .place import QUARTER, before, counts_once, leading_frames, probabilities
+from .place import QUARTER, before, leading_frames, open_nearby, probabilities, unlikely
 from .stages import Fit
 from .uncertainty import Bend
 
@@ -77,7 +77,7 @@ def net_force_doubt(fit: Fit, log10_young_sd: np.ndarray, *, missed_m: float | N
     """Of the force of a fit. Without a free tail E is off by `log10_young_sd` (n,), and nothing else is asked of the material. `missed_m`: what is missed of a
     frame [m] where the fit is to a motion without error."""
     doubt = _Doubt(fit, missed_m)
-    changes = np.hstack([doubt.by_physics(log10_young_sd), doubt.by_material(density_contrast)])
+    changes = np.hstack([doubt.by_physics(log10_young_sd), doubt.by_material(density_contrast), doubt.by_moving_it()])
     scatter, unseen = doubt.missed()
     elsewhere, probability = doubt.by_place()
     shape = (-1, len(doubt.force) // 3, 3)
@@ -202,13 +202,20 @@ class _Doubt:
         whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).whole, expected=self.whole.expected)
         return self._net(whole.solve(physics, whole.footprint_load(self.fit.footprint)), self.fit.footprint)
 
+    def by_moving_it(self) -> np.ndarray:
+        """Changes (3 F, m) by one standard deviation of what is open of a push's place and width."""
+        whole, physics = self.whole, self.fit.physics
+        near = open_nearby(whole, physics, self.fit.footprint, missed=self.told_squared)
+        found = [self._net(whole.solve(physics, whole.footprint_load(place)), place) - self.force for place in near]
+        return np.array(found).reshape(-1, len(self.force)).T
+
     def by_place(self) -> tuple[np.ndarray, np.ndarray]:
         """The net force (m, 3 F) under the footprints that the motion leaves possible, and how probable it makes each, (m,)."""
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve(self.fit.physics, self.whole.footprint_load(place)) for place in places]
-        missed = max(self.solution.cost / self.whole.known.sum(), self.told_squared)
-        weight = probabilities(np.array([each.cost for each in found]), before(len(places)), counts_once(self.whole, self.fit.physics, missed))
+        costs = unlikely(self.whole, self.fit.physics, np.array([each.cost for each in found]), missed=self.told_squared)
+        weight = probabilities(costs, before(len(places)), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
+from ..differences import differences
 from ..footprints import Footprint
-from .force import ForceProblem
+from ..linear_systems import inverted
+from .force import ForceProblem, Solution
 from .free_tail import Physics
 
-WIND = 0.15  # probability of a uniform force from which on it is taken: of 16 clips with a known truth winds had .19 or more, pushes that were found .11 or less [chosen]
+WIND = 0.1  # probability of a uniform force from which on it is taken: of 46 choice clips winds had .13 or more, pushes that were found .08 or less [docs/how_sure.md]
+TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
+SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/how_sure.md]
 EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
+NEARBY_SD = np.array([0.1, 0.1, 0.5])  # of centre, over the body's length, and log width about what was found: as far as the next places that are tried [derived]
 QUARTER = 0.25  # of a leading period: frames that miss the same [chosen]
 SLOWEST_HZ = 1e-3  # that counts as a swing [numerical]
 NARROWEST, WIDEST = 0.04, 2.0  # widths that the search may come to, over the body's length: half of the least that is tried; hardly to be told from uniform [derived]
@@ -19,10 +24,11 @@ FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends
 
 
 def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
-    """Uniform where that is not improbable, else the Gaussian footprint that explains the motion best."""
+    """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that explains the motion best."""
     places = [Footprint(), *problem.local_footprints]
     costs = np.array([_cost(problem, physics, each) for each in places])
-    if probabilities(costs, before(len(places)), counts_once(problem, physics, costs.min() / problem.known.sum()))[0] > WIND:
+    small = np.array([each.family == "uniform" or each.parameters[2] < TOUCH * problem.extent[2] for each in places])
+    if probabilities(unlikely(problem, physics, costs[small]), before(int(small.sum())), 1.0)[0] > WIND:
         return Footprint()
     return _nearby(problem, physics, places[1 + int(costs[1:].argmin())])
 
@@ -37,6 +43,39 @@ def probabilities(costs: np.ndarray, before: np.ndarray, unit: float) -> np.ndar
     logs = np.log(before) - 0.5 * (costs - costs.min()) / unit
     weight = np.exp(logs - logs.max())
     return np.asarray(weight / weight.sum())
+
+
+def unlikely(problem: ForceProblem, physics: Physics, costs: np.ndarray, *, missed: float = 0.0) -> np.ndarray:
+    """Twice the negative log likelihood (n,) of explanations with costs (n,), where nobody told how much is missed of a frame beyond a square of `missed`, over its
+    sigma: frames of a quarter period miss the same, in SHAPES ways."""
+    return independent(problem, physics) * np.log(costs / problem.known.sum() + missed)
+
+
+def independent(problem: ForceProblem, physics: Physics) -> float:
+    """How many independent numbers what is missed of a motion holds."""
+    return SHAPES * int(problem.known.sum()) / max(QUARTER * leading_frames(problem, physics), 1.0)
+
+
+def open_nearby(problem: ForceProblem, physics: Physics, footprint: Footprint, *, missed: float = 0.0) -> list[Footprint]:
+    """Footprints one standard deviation from a Gaussian one that was found, in independent combinations of its centre and log width; none of a uniform
+    one. `missed` as for `unlikely`."""
+    if footprint.family == "uniform":
+        return []
+    unit = np.r_[np.full(2, problem.extent[2]), 1.0]
+    found = np.r_[footprint.parameters[:2], np.log(footprint.parameters[2])] / unit
+
+    def solved(p: np.ndarray) -> Solution:
+        return problem.solve(physics, problem.footprint_load(_gaussian(p * unit)))
+
+    slope, cost = differences(lambda p: solved(p).residual, found), solved(found).cost
+    told = independent(problem, physics) / (cost + missed * problem.known.sum()) * slope.T @ slope
+    size, axes = np.linalg.eigh(inverted(told + np.diag(NEARBY_SD**-2)))
+    return [_gaussian((found + step) * unit) for step in (axes * np.sqrt(size)).T]
+
+
+def _gaussian(p: np.ndarray) -> Footprint:
+    """Of the centre [m] and the log of the width [m]."""
+    return Footprint("gaussian", np.r_[p[:2], np.exp(p[2])])
 
 
 def leading_frames(problem: ForceProblem, physics: Physics) -> float:
@@ -59,10 +98,10 @@ def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footpr
 
     def cost(p: np.ndarray) -> float:
         inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
-        return _cost(problem, physics, Footprint("gaussian", np.r_[p[:2], np.exp(p[2])])) if inside else np.inf
+        return _cost(problem, physics, _gaussian(p)) if inside else np.inf
 
     start = np.r_[begun.parameters[:2], np.log(begun.parameters[2])]
     simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
     ends = {"maxiter": FOOTPRINT_STEPS, "xatol": FOOTPRINT_EXACT * length, "fatol": FOOTPRINT_EXACT}
     found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
-    return Footprint("gaussian", np.r_[found[:2], np.exp(found[2])])
+    return _gaussian(found)

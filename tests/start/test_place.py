@@ -1,0 +1,87 @@
+"""Where a force acts: a wind is given up for a small place alone, and what is open of a place is as large as what is found wrong of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diffphys_ros.damping import Damping
+from diffphys_ros.footprints import Footprint
+from diffphys_ros.modes import ModalModel
+from diffphys_ros.start import place
+from diffphys_ros.start.force import ForceProblem
+from diffphys_ros.start.free_tail import Physics
+from diffphys_ros.start.net_force import largest, net_force_doubt
+from diffphys_ros.start.stages import Fit
+from diffphys_ros.types import Body
+from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, gust, tracks, true_fit
+
+PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
+MISSED = 0.005  # of the motion, alike over a quarter period
+MODES = 4  # that are missed
+
+
+def pushed(body: Body, modal: ModalModel, seed: int) -> tuple[Fit, np.ndarray]:
+    """The fit to a push whose place lies between those that are tried, and the true net force (T, 3)."""
+    rng = np.random.default_rng(seed)
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+    low, high, length = whole.extent
+    there = Footprint("gaussian", np.r_[low + (high - low) * rng.uniform(0.25, 0.95, 2), rng.uniform(0.08, 0.3) * length])
+    load, turn = whole.footprint_load(there), rng.uniform(0, 2 * np.pi)
+    force = gust((0.0, np.cos(turn), np.sin(turn))) * np.linalg.norm(whole.uniform_load) / np.linalg.norm(load)
+    q = modal.respond(YOUNG, damping=Damping(0.0, BETA), load=force @ load.T, period_s=PERIOD_S)
+    frames = np.arange(FRAMES) * modal.frequencies(YOUNG)[0] * PERIOD_S
+    alike = np.exp(-0.5 * ((frames[:, None] - frames) / 0.1) ** 2)
+    missed = np.linalg.cholesky(alike + 1e-9 * np.eye(FRAMES)) @ rng.standard_normal((FRAMES, MODES)) * MISSED * q[:, :MODES].std(0).max()
+    q[:, :MODES] += missed - missed[0]
+    fit = true_fit(body, modal, tracks(modal, q, seed=seed))
+    return replace(fit, footprint=place.best_footprint(fit.whole, PHYSICS)), force * whole.footprint_volume(there)
+
+
+def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalModel) -> None:
+    off = []
+    for fit, true in (pushed(body, modal, seed) for seed in range(10)):
+        if fit.footprint.family != "uniform":
+            doubt = net_force_doubt(fit, np.full(2, 0.01))
+            peak, sd = doubt.peak(doubt.found)
+            off.append((peak - largest(true)) / sd)
+    assert len(off) > 4
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
+
+
+@pytest.mark.parametrize(("better", "family"), [("small", "gaussian"), ("wide", "uniform")])
+def test_a_wind_is_given_up_for_a_small_place_that_explains_the_motion_better_and_not_for_a_wide_one(
+    body: Body, modal: ModalModel, monkeypatch: pytest.MonkeyPatch, better: str, family: str
+) -> None:
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+
+    def cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+        if footprint.family == "uniform":
+            return 100.0
+        small = footprint.parameters[2] < place.TOUCH * problem.extent[2]
+        return 60.0 if small == (better == "small") else 101.0
+
+    monkeypatch.setattr(place, "_cost", cost)
+    assert place.best_footprint(whole, PHYSICS).family == family
+
+
+def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body: Body, modal: ModalModel) -> None:
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+    costs = np.array([10.0, 20.0])
+    few, many = (np.diff(place.unlikely(whole, PHYSICS, size * costs)) for size in (1e-3, 1e3))
+    np.testing.assert_allclose(few, many)
+    np.testing.assert_allclose(few, place.independent(whole, PHYSICS) * np.log(2.0))
+    told = np.diff(place.unlikely(whole, PHYSICS, costs, missed=1e3))
+    assert told < 0.01 * few
+
+
+def test_nothing_is_open_near_a_wind(body: Body, modal: ModalModel) -> None:
+    fit, _ = pushed(body, modal, 1)
+    assert place.open_nearby(fit.whole, PHYSICS, Footprint()) == []
+    near = place.open_nearby(fit.whole, PHYSICS, fit.footprint)
+    assert len(near) == 3
+    unsure = place.open_nearby(fit.whole, PHYSICS, fit.footprint, missed=1e6)
+    moved = [np.linalg.norm([each.parameters - fit.footprint.parameters for each in some]) for some in (near, unsure)]
+    assert moved[1] > moved[0]
