@@ -16,7 +16,7 @@ from .unknowns import Layout
 class Prior:
     """Quadratic priors on z, each the half inverse variance in units of the loss; weak where the data speak.
 
-    That of the force is the paper's smoothness (A.14), from and to no force where it begins and ends; tighter along the body, where a force
+    That of the force is the paper's smoothness (A.14), from and to no force where it begins and ends; tighter in stiff ways, where a force
     moves hardly anything, and there about what the start values have: a simulation tells no more of it than modes do.
     """
 
@@ -33,10 +33,10 @@ class Prior:
     SMOOTH = 3e-4
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, along: np.ndarray, precision: np.ndarray | None = None) -> Prior:
-        """Priors about the start values (log E, damping, the force along the body) and about zero (changes of the force across it). The search may begin
-        `start_scale` times off the start values; the prior stays where they are. `along` (3,) is the
-        way along the body (start/along.py). `precision` (n, n) is the inverse covariance of
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, ways: np.ndarray, precision: np.ndarray | None = None) -> Prior:
+        """Priors about the start values (log E, damping, the force in stiff ways) and about zero (changes of the force across them). The search may begin
+        `start_scale` times off the start values; the prior stays where they are. `ways` (h, 3) are the
+        stiff ones (start/along.py). `precision` (n, n) is the inverse covariance of
         log E where more is known than the standard deviations."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
@@ -48,9 +48,9 @@ class Prior:
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
         per_frame = cls.SMOOTH * difference.T @ difference
-        cost = costs_of(along)
+        cost = costs_of(ways)
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, cost @ cost)
-        centre[layout.force_slice] = np.outer(start.force[layout.forced] @ along / layout.force_unit, along).ravel()
+        centre[layout.force_slice] = (start.force[layout.forced] @ ways.T @ ways / layout.force_unit).ravel()
         at = layout.slices
         hessian[at["density"], at["density"]] = cls.DENSITY * np.eye(n)
         hessian[at["poisson"], at["poisson"]] = cls.POISSON * np.eye(n)

@@ -13,7 +13,7 @@ from ..config import Settings
 from ..devices import usable
 from ..errors import InputError
 from ..particles import DensePoints, bind, dense_points
-from ..start.along import along_of
+from ..start.along import Stiff, along_of
 from ..types import Splats, StartValues
 from .carried import CarriedGaussians
 from .curvature import track_hessian
@@ -104,7 +104,7 @@ def problem_on(
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    prior = Prior.of(layout, start, start_scale=start_scale, along=along_of(body), precision=precision)
+    prior = Prior.of(layout, start, start_scale=start_scale, ways=Stiff.of(along_of(body), prepared.modal).ways, precision=precision)
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)

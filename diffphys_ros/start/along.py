@@ -1,17 +1,62 @@
-"""Which way is along the body: a force that way hardly moves it.
+"""Which ways a force hardly moves the body: along it, and in the plane of a sheet.
 
 The frame's x is the normal of the face that was told or drawn as held, and a bar may leave that face askew.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from ..modes.model import ModalModel
 from ..types import Body
 
 LEAVES = 0.25  # of the body's reach from what holds it: so far it shows which way it leaves, and a branch mostly begins farther out [chosen]
+HELD = 1e-9  # share of the largest squared frequency below which the lowest is that of a body that nothing holds [numerical]
 AXIAL_SHARE = 0.05  # of a force along the body over one across it: what hardly moves the body would be made of tracking errors [chosen]
 DEARER = 1 / AXIAL_SHARE  # how much more a force costs along the body than across it [derived]
+ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that across, which is seen [chosen]
+IN_PLANE = 3.0  # the same of a force in the plane of a sheet, which comes from any side: wide, tracks see what it moves [chosen]
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """Ways in which a force hardly moves a body."""
+
+    ways: np.ndarray  # unit vectors at right angles, body frame, along the body first, (h, 3)
+    shares: np.ndarray  # rms of a force that way that is expected, over that across, (h,)
+    prices: np.ndarray  # of a force that way over one across, before it is known how large that is, (h,)
+
+    @classmethod
+    def of(cls, along: np.ndarray, modal: ModalModel) -> Stiff:
+        """Along (3,), and of the two ways across the one that a held body sags in under its own uniform load by less than AXIAL_SHARE of the other. A force
+        that way is priced by what it moves: so small a motion is of a large force."""
+        load, squares, shapes = modal.footprint_load(), *modal.eigen(modal.reference)
+        only = cls(along[None], np.array([ALONG]), np.array([DEARER]))
+        if squares[0] < HELD * squares[-1]:
+            return only
+        across = np.array([[-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+        sag = (((shapes.T @ load) @ across.T) ** 2 / squares[:, None]).sum(0)
+        ratio = sag.min() / sag.max()
+        if ratio > AXIAL_SHARE:
+            return only
+        return cls(np.stack([along, across[sag.argmin()]]), np.array([ALONG, IN_PLANE]), np.array([DEARER, ratio]))
+
+    @property
+    def costs(self) -> np.ndarray:
+        """Matrix (3, 3) whose product with a force has the size at which that force is priced."""
+        return costs_of(self.ways, self.prices)
+
+    @property
+    def seen_ways(self) -> int:
+        """How many ways are left, in which the body moves."""
+        return 3 - len(self.ways)
+
+    @property
+    def expected(self) -> np.ndarray:
+        """Mean squares of a force these ways over that across, between components, (3, 3)."""
+        return self.ways.T @ (self.shares[:, None] ** 2 * self.ways)
 
 
 def along_of(body: Body) -> np.ndarray:
@@ -26,11 +71,11 @@ def along_of(body: Body) -> np.ndarray:
     return np.asarray(along / np.linalg.norm(along))
 
 
-def costs_of(along: np.ndarray) -> np.ndarray:
-    """Matrix (3, 3) whose product with a force has the size at which that force is priced: DEARER times its own along the body, its own across."""
-    return np.eye(3) + (DEARER - 1) * np.outer(along, along)
+def costs_of(ways: np.ndarray, prices: np.ndarray | float = DEARER) -> np.ndarray:
+    """Matrix (3, 3) whose product with a force has the size at which that force is priced: `prices` (h,) times its own in stiff ways (h, 3), its own across."""
+    return np.eye(3) + (ways.T * (np.asarray(prices) - 1)) @ ways
 
 
-def beside(along: np.ndarray) -> np.ndarray:
-    """Matrix (3, 3) that leaves of a force what acts across the body."""
-    return np.eye(3) - np.outer(along, along)
+def beside(ways: np.ndarray) -> np.ndarray:
+    """Matrix (3, 3) that leaves of a force what acts across stiff ways (h, 3)."""
+    return np.eye(3) - ways.T @ ways

@@ -16,7 +16,7 @@ from ..modes.interpolation import quadrature
 from ..modes.model import ModalModel
 from ..modes.response import Step
 from ..vibration.coordinates import Projection
-from .along import beside, costs_of
+from .along import Stiff, beside
 from .free_tail import DETUNED, Physics, physical, prior_residual
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
@@ -73,7 +73,12 @@ class ForceProblem:
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
     along: np.ndarray  # unit vector along the body (start/along.py), (3,)
-    expected: np.ndarray | None = None  # rows (k, F) of what is expected of the force along the body in the allowed frames, over its unit; None: as of any, but dearer
+    expected: np.ndarray | None = None  # rows (k, F) of what a force as large as that across would cost in the allowed frames, over its unit; None: as of any, but dearer in stiff ways
+
+    @cached_property
+    def stiff(self) -> Stiff:
+        """Ways in which a force hardly moves the body."""
+        return Stiff.of(self.along, self.modal)
 
     @cached_property
     def uniform_load(self) -> np.ndarray:
@@ -94,9 +99,9 @@ class ForceProblem:
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
         heaviness, unknowns = self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial
         if self.expected is None:
-            return _calming(heaviness, costs_of(self.along), unknowns)
-        rows = np.kron(self.expected, self.along)
-        return np.vstack([_calming(heaviness, beside(self.along), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
+            return _calming(heaviness, self.stiff.costs, unknowns)
+        rows = np.vstack([np.kron(self.expected / share, way) for way, share in zip(self.stiff.ways, self.stiff.shares, strict=True)])
+        return np.vstack([_calming(heaviness, beside(self.stiff.ways), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
 
     @cached_property
     def _target(self) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..footprints import Footprint
 from ..modes.model import ModalModel
 from .along import beside
 from .densities import DENSITY_CONTRAST
-from .expected import ALONG, across_squared, alike, together
+from .expected import across_squared, alike, together
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import material_changes
@@ -153,11 +153,11 @@ class _Doubt:
         return float(max(np.sqrt((left**2).sum(1).mean()), least))
 
     def _true(self, found: np.ndarray) -> np.ndarray:
-        """Covariance (3 F, 3 F) of forces as large as the one found: across the body as much as about each frame, along it ALONG of that."""
-        frames = np.flatnonzero(self.whole.allowed)
-        along = self.whole.along
-        across = across_squared(self.force.reshape(-1, 3), frames, along) + np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), beside(along))
-        return np.kron(together(across, frames), ALONG**2 * np.outer(along, along) + 0.5 * beside(along))
+        """Covariance (3 F, 3 F) of forces as large as the one found: across the body as much as about each frame, in stiff ways the share of that."""
+        frames, stiff = np.flatnonzero(self.whole.allowed), self.whole.stiff
+        seen = beside(stiff.ways)
+        across = across_squared(self.force.reshape(-1, 3), frames, stiff.ways) + np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), seen)
+        return np.kron(together(across, frames), stiff.expected + seen / stiff.seen_ways)
 
     def by_physics(self, log10_young_sd: np.ndarray) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of independent combinations of stiffness and damping."""

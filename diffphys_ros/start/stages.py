@@ -14,7 +14,6 @@ from ..damping import Damping
 from ..footprints import Footprint
 from ..modes.model import ModalModel
 from ..vibration.forced_frames import LEAST_TAIL_FRAMES, Support, bridged, least_tail_frames
-from .along import costs_of
 from .evidence import Evidence
 from .expected import expecting
 from .force import ForceProblem, nothing
@@ -246,7 +245,7 @@ def guessed(young: np.ndarray) -> Physics:
 
 def _sparse(fit: Fit, *, weight: float) -> Fit:
     """A round of a force that is sparse in time: the weight of each frame's size comes from the force of the round before."""
-    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force @ costs_of(fit.whole.along), axis=1) / fit.whole.force_unit
+    size = np.ones(len(fit.whole.known)) if fit.force is None else np.linalg.norm(fit.force @ fit.whole.stiff.costs, axis=1) / fit.whole.force_unit
     fit = replace(fit, heaviness=weight / np.hypot(size, ROUNDING))
     physics = fit.whole.refine(fit.physics, fit.load, believed=fit.evidence.believed)
     return replace(fit, physics=physics, force=fit.whole.solve(physics, fit.load).force)

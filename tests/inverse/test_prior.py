@@ -21,7 +21,7 @@ def cost(prepared: Prepared):
     """cost("young", value): of one unknown that is off by so much while all others are as believed."""
     start = replace(prepared.start, track_cost=0.0)
     layout = Layout.of(start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
-    prior = Prior.of(layout, start, start_scale=1.0, along=along_of(prepared.body))
+    prior = Prior.of(layout, start, start_scale=1.0, ways=along_of(prepared.body)[None])
 
     def of(block: str, value: float) -> float:
         z = np.zeros(layout.size)
@@ -60,7 +60,7 @@ def test_a_force_along_a_bar_that_leaves_its_held_face_askew_costs_more_and_one_
 def test_a_force_along_the_body_is_believed_to_be_what_the_first_answer_has_and_one_across_to_change_little(prepared: Prepared) -> None:
     pushed = replace(prepared.start, force=prepared.start.force @ np.array([[1.0, 0, 0], [0.25, 1, 0], [0, 0, 1]]), track_cost=0.0)
     layout = Layout.of(pushed, prepared.body, force_unit=100.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
-    prior = Prior.of(layout, pushed, start_scale=1.0, along=along_of(prepared.body))
+    prior = Prior.of(layout, pushed, start_scale=1.0, ways=along_of(prepared.body)[None])
 
     def cost(*ways: bool) -> float:
         z = layout.start.copy()

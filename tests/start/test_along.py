@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start.along import along_of
+from diffphys_ros.start.along import Stiff, along_of
 from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.start.values import of_motion
@@ -80,3 +80,33 @@ def test_a_branch_does_not_turn_what_is_along_the_stem(reach: float) -> None:
 
 def test_a_body_that_nothing_holds_has_its_frame_s_way_along() -> None:
     np.testing.assert_array_equal(along_of(replace(leaning(), clamped=False)), [1, 0, 0])
+
+
+def sheet(*, height: float = 0.2, thickness: float = 0.012, clamped: bool = True) -> tuple[Body, ModalModel]:
+    """1:25 of its length thick, where nothing else is said."""
+    body = bar(length=0.3, height=height, thickness=thickness, edges=(), pitch=4e-3, clamped=clamped)
+    return body, modes_of(body, ONE, count=12)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.9, 0.3), (0.0, 0.3, 0.9), (0.0, 0.0, 1.0)])
+def test_a_force_in_the_plane_of_a_sheet_is_found_by_the_little_that_it_moves(direction: tuple[float, float, float]) -> None:
+    body, modal = sheet()
+    true = gust(direction, peak=300.0)
+    fit = fit_of(body, modal, true)
+    off = found(fit) - true
+    assert np.linalg.norm(off) < 0.25 * np.linalg.norm(true)
+    doubt = net_force_doubt(fit, np.full(1, 0.01))
+    stated = np.sqrt(doubt.variance[:, 1, 1]) / fit.whole.footprint_volume(fit.footprint)
+    in_plane = np.abs(off[doubt.frames, 1]) / stated
+    assert (in_plane < 2).mean() > 0.9
+
+
+@pytest.mark.parametrize(("height", "thickness", "ways"), [(0.2, 0.012, [[1, 0, 0], [0, 1, 0]]), (0.2, 0.15, [[1, 0, 0]]), (0.024, 0.2, [[1, 0, 0], [0, 0, 1]])])
+def test_a_body_is_stiff_along_and_where_it_is_much_thicker_than_the_other_way(height: float, thickness: float, ways: list[list[float]]) -> None:
+    body, modal = sheet(height=height, thickness=thickness)
+    np.testing.assert_allclose(Stiff.of(along_of(body), modal).ways, ways, atol=1e-6)
+
+
+def test_a_sheet_that_nothing_holds_moves_any_way() -> None:
+    body, modal = sheet(clamped=False)
+    assert len(Stiff.of(along_of(body), modal).ways) == 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start.expected import ALONG, across_squared, expecting, together
+from diffphys_ros.start.along import ALONG
+from diffphys_ros.start.expected import across_squared, expecting, together
 from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.start.values import of_motion
@@ -60,7 +61,7 @@ def test_without_a_force_across_nothing_is_expected_along(body: Body, modal: Mod
 
 
 def test_the_size_in_a_frame_is_that_of_the_frames_about_it_and_what_is_expected_goes_together() -> None:
-    force, frames, along = np.tile([5.0, 3.0, 4.0], (6, 1)), np.array([0, 1, 2, 3, 20, 21]), np.array([1.0, 0.0, 0.0])
+    force, frames, along = np.tile([5.0, 3.0, 4.0], (6, 1)), np.array([0, 1, 2, 3, 20, 21]), np.array([[1.0, 0.0, 0.0]])
     squared = across_squared(force, frames, along)
     np.testing.assert_allclose(squared, 25.0)
     covariance = together(squared, frames)
