@@ -34,7 +34,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
         behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object, by who knows how surely; left out it lies on it,
             as surely as such a line is.
         soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
-        parallel: what lies beyond the picture is as wide as the object is at its edge; left out, its sides go on as they lean there.
+        parallel: what lies beyond the picture is as wide as the object is at its edge; left out, its sides lean half as they do there.
 
     Raises:
         InputError: nothing of the object near the clamp, a density list that does not fit the parts, an object too small.

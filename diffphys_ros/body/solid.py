@@ -21,6 +21,7 @@ ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is s
 BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
 SIDES = 0.5  # of its width where the object leaves the picture, along which its sides are read at the least; else along as much as is hidden [chosen]
 SLANT_PX = 1.0  # by which they draw nearer along that, or apart: less is noise of two edges, each within a quarter of a pixel, and a cell's rounding [derived]
+LEANS_ON = 0.5  # of that, by which they lean where they are not seen: as likely as leaning on they are parallel there, as those of grips are [chosen]
 HIDDEN_WIDTHS = (0.5, 2.0)  # of its width there, between which what is hidden stays [chosen]
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
@@ -91,7 +92,7 @@ def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
 
 def _with_straight_root(view: FrontView, inside: np.ndarray, *, parallel: bool) -> tuple[np.ndarray, int]:
     """The silhouette continued straight from the line that was drawn for the clamp, and from the picture's edge, to the clamped plane, with sides that
-    draw nearer or apart as they do beside that edge unless they are to be parallel; and 0 cells. Raises InputError where nothing of it lies at that line."""
+    draw nearer or apart half as they do beside that edge unless they are to be parallel; and 0 cells. Raises InputError where nothing of it lies at that line."""
     assert view.clamp is not None
     first = min(round((view.behind_m + BESIDE_LINE_PX * view.footprint_m) / view.raster.pitch_m), len(inside) - 1)
     if not inside[first].any():
@@ -101,13 +102,13 @@ def _with_straight_root(view: FrontView, inside: np.ndarray, *, parallel: bool) 
 
 
 def _continued(inside: np.ndarray, first: int) -> np.ndarray:
-    """Rows 0 .. first - 1 of a silhouette (nx, ny): row `first`, stretched about its middle as its width changes along the rows after it."""
+    """Rows 0 .. first - 1 of a silhouette (nx, ny): row `first`, stretched about its middle half as its width changes along the rows after it."""
     width = inside[first:].sum(1)
     width = width[: max(min(first, np.count_nonzero(width) // 2), round(SIDES * width[0]), 2)]
     slope, begin = np.polyfit(np.arange(len(width)), width, 1) if len(width) > 1 else (0.0, float(width[0]))
     if abs(slope) * len(width) < SLANT_PX * CELLS_PER_PIXEL:
         slope = 0.0
-    stretch = np.clip(1 - slope / begin * np.arange(first, 0, -1), *HIDDEN_WIDTHS)
+    stretch = np.clip(1 - LEANS_ON * slope / begin * np.arange(first, 0, -1), *HIDDEN_WIDTHS)
     column = np.arange(inside.shape[1])
     middle = column[inside[first]].mean()
     place = np.rint(middle + (column - middle) / stretch[:, None]).astype(int)

@@ -2,7 +2,8 @@
 
 Where the clamp lies beyond the picture, its place is found together with the scale: of several bodies, each continued straight to a clamp
 further out and as long as it is told to be, the one is taken whose leading mode has the shape that the outline shows. Where its sides lean at
-the picture's edge, what is hidden may lean on or not: both are tried, and half of how far apart they put the clamp is in its standard deviation.
+the picture's edge, what is hidden may lean on or not: it is taken to lean half as much, and what parallel sides would make of clamp and modulus is in their
+standard deviations.
 """
 
 from __future__ import annotations
@@ -34,7 +35,6 @@ ASSUMED_DISTANCE_M = 1.0  # of the object from the camera as it was assumed, whe
 BEHIND, STEP = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25), 0.05  # places of the clamp behind its line that are tried, over the object's length in the picture, and on from there [numerical]
 FURTHEST = 1.0  # of that length, where the search ends: half of the object is then beyond the picture [chosen]
 INDEPENDENT = 8.0  # pieces of an outline whose errors do not go together: what a mode's shape misses is smooth along it [chosen]
-UNSEEN = 0.5  # of how far apart leaning and parallel sides put the clamp [derived: standard deviation of two places that are as likely]
 SURELY = 2.0  # standard deviations by which the shape of a swing contradicts a clamp's line [chosen]
 EDGE_PX = 0.5  # of an end face [chosen]
 SCALE_POWER = 2.5  # of the scale, by which E of a beam of that length falls: 4 of its length less 2 of its width, more with its weight [derived]
@@ -88,15 +88,14 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     trials = _Trials(clip, settings, steady.sway)
     places, misfits = yield from _tried(trials)
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
-    if trials.lean():
-        elsewhere, *_ = trials.upright().best(*(yield from _tried(trials.upright())), drawn=not held_at)
-        sd = math.hypot(sd, UNSEEN * (elsewhere - behind))
+    hidden_px, hidden_log = yield from _hidden(trials, behind, _log_young(places, misfits, behind))
     if steady.sway is not None:
         swayed, *_ = trials.best(places, [replace(one, misfit=one.misfit_swayed) for one in misfits], drawn=not held_at)
         sd = math.hypot(sd, swayed - behind)
     z, tracks, body, settings = trials.at(behind)
     length_px = trials.end_px + behind
-    scale_sd, log_sd = _doubts(sd, bend, length_px, steady.sway, depth_told=trials.depth_told)
+    scale_sd, log_sd = (math.hypot(*pair) for pair in zip(_doubts(sd, bend, length_px, steady.sway, depth_told=trials.depth_told), (hidden_px / length_px, hidden_log), strict=True))
+    sd = math.hypot(sd, hidden_px)
     px_per_m = clip.camera.focal_px / z
     hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * scale_sd, log10_young_sd=log_sd)
     from ..depth import DepthSource
@@ -116,6 +115,21 @@ def _tried(trials: _Trials) -> Generator[Progress, None, tuple[list[float], list
         hidden = ", with parallel sides there" if trials.parallel else ""
         yield Progress("body", text=f"clamp {behind:.0f} px behind its line{hidden}: shape missed by {100 * math.sqrt(found[-1].misfit / found[-1].points):.1f} %")
     return places, found
+
+
+def _hidden(trials: _Trials, behind: float, log_young: float) -> Generator[Progress, None, tuple[float, float]]:
+    """By how much the clamp's place [px] and log10 E change where the sides are parallel beyond the picture: leaning as they do beside its edge they change by
+    as much to the other side."""
+    if not trials.lean():
+        return 0.0, 0.0
+    places, found = yield from _tried(trials.upright())
+    elsewhere, *_ = trials.best(places, found, drawn=True)
+    return elsewhere - behind, _log_young(places, found, elsewhere) - log_young
+
+
+def _log_young(places: list[float], found: list[Hung], behind: float) -> float:
+    """log10 E [Pa] of a body that is held so far behind its line."""
+    return float(np.interp(behind, places, np.log10([one.young for one in found])))
 
 
 def _doubts(behind_sd_px: float, bend: float, length_px: float, sway: Sway | None, *, depth_told: bool) -> tuple[float, float]:
