@@ -4,7 +4,7 @@ was read from the frames after it.
 usage: python benchmarks/swing_ahead.py FILM.mp4 [--setting value ...]     (the flags of diffphys recover)
 
 Rest, clamp and scale are the outline's own, from the calm frames. Ahead: modulus, drag, and how both depend on the size of the swing, are fitted on frames 0
-to the half alone, in windows that grow from one period, from the pose and velocity of the first seven frames. With which power of the strain the modulus
+to the half alone, in windows that grow from one period, from the pose and velocity of the first frames, seven at the most. With which power of the strain the modulus
 falls nobody knows: each of POWERS is fitted, and what is said is their mean, each by the probability that the half gives it. From later frames: modulus and drag are
 those of the calm frames, softening and drag of squared speed are read from the second second, let go from its own first frames.
 """
@@ -22,7 +22,7 @@ from diffphys_ros.bags.read import read_clip
 from diffphys_ros.config import Settings
 from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse.outlined import Outlined, outlined
-from diffphys_ros.inverse.swing import MOST_FIRST, SECONDS, Follower, calm_swing
+from diffphys_ros.inverse.swing import SECONDS, Follower, calm_swing, first_frames
 from diffphys_ros.inverse.yielding import Yielding, fitted
 from diffphys_ros.progress import finished
 from diffphys_ros.start import start_values
@@ -51,15 +51,16 @@ class Film:
         specific = float(start.young[0] / seen.body.density[0])
         self.follower = Follower.of(FlatSolid.of(seen.body), seen.whole, seen, specific, seen.body).tuned(self.hz)
         self.calm = calm_swing(self.follower, seen, start, self.hz)
-        self.half = len(seen.whole) // 2 - MOST_FIRST // 2
-        self.end = min(len(seen.whole) - MOST_FIRST // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
-        poses = self.follower.poses(self.end + MOST_FIRST // 2)
+        first = first_frames(self.hz, self.period_s)
+        self.half = len(seen.whole) // 2 - first // 2
+        self.end = min(len(seen.whole) - first // 2, self.half + round(PERIODS / (self.hz * self.period_s)))
+        poses = self.follower.poses(self.end + first // 2)
         if poses is None:
             raise SystemExit(f"{path}: the outline is lost")
         self.second = round(SECONDS / self.period_s)
-        self.u, self.v = self._state(poses[:MOST_FIRST])
-        self.later = self._state(poses[self.second :][:MOST_FIRST])
-        self.told = self.follower.tip(poses[MOST_FIRST // 2 :])
+        self.u, self.v = self._state(poses[:first])
+        self.later = self._state(poses[self.second :][:first])
+        self.told = self.follower.tip(poses[first // 2 :])
 
     def _state(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pose and velocity in the middle of some frames."""

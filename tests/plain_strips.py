@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import eigh
 
 from diffphys_ros.bags.camera import camera_from_fov
 from diffphys_ros.bags.write import Message, write_recording
@@ -57,12 +58,16 @@ class Strip:
         tip = np.cosh(ROOT) - np.cos(ROOT) - k * (np.sinh(ROOT) - np.sin(ROOT))
         return (np.cosh(x) - np.cos(x) - k * (np.sinh(x) - np.sin(x))) / tip
 
+    def wide(self, along: np.ndarray) -> np.ndarray:
+        """Its width [px] at distances from the clamp [px]."""
+        return np.full(len(along), self.width_px)
+
     def outline(self, sway: float) -> np.ndarray:
         """The strip's outline (P, 2) [px] with its tip so far aside."""
         along = np.linspace(0, self.length_px, 80)
         centre = np.stack([self.middle_px + sway * self.shape(along), along - self.behind_px], 1)
         tangent = np.gradient(centre, axis=0)
-        across = np.stack([-tangent[:, 1], tangent[:, 0]], 1) / np.linalg.norm(tangent, axis=1, keepdims=True) * self.width_px / 2
+        across = np.stack([-tangent[:, 1], tangent[:, 0]], 1) / np.linalg.norm(tangent, axis=1, keepdims=True) * self.wide(along)[:, None] / 2
         return np.concatenate([centre + across, (centre - across)[::-1]])
 
     def clip(self, shift_px: np.ndarray | float = 0.0) -> Clip:
@@ -87,3 +92,31 @@ class Strip:
             head = messages.header(ns, "camera_optical")
             yield "/camera/camera_info", CAMERA_INFO, ns, messages.camera_info(head, clip.camera), False
             yield "/camera/image_raw", IMAGE, ns, messages.image(head, pixels, "rgb8"), False
+
+
+@dataclass(frozen=True)
+class Tapered(Strip):
+    """One that is wider towards its free end. Its mode is that of a beam by Ritz's method; what a uniform one of its mean width owes to shear and rotation
+    is taken for its own."""
+
+    end_px: float = 34.0  # width of the free end
+
+    def wide(self, along: np.ndarray) -> np.ndarray:
+        return self.width_px + (self.end_px - self.width_px) * along / self.length_px
+
+    def _mode(self) -> tuple[float, np.ndarray]:
+        """Squared frequency of E / density = 1 [1/s^2], px for m, and the shares of the powers 2 .. 6 of the distance over the length."""
+        x, power = (np.arange(400) + 0.5) / 400, np.arange(2, 7)[:, None]
+        width, value = self.wide(x * self.length_px), x**power
+        bent = power * (power - 1) * x ** (power - 2) / self.length_px**2
+        square, shares = eigh((bent * width**3 / 12) @ bent.T, (value * width) @ value.T)
+        return float(square[0]), shares[:, 0] / shares[:, 0].sum()
+
+    def shape(self, along: np.ndarray) -> np.ndarray:
+        return np.asarray(self._mode()[1] @ (along / self.length_px) ** np.arange(2, 7)[:, None])
+
+    @property
+    def specific(self) -> float:
+        uniform = replace(Strip(), length_px=self.length_px, width_px=(self.width_px + self.end_px) / 2)
+        thin = (2 * np.pi * uniform.hz * uniform.length_px**2 / ROOT**2) ** 2 * 12 / uniform.width_px**2 / uniform.px_per_m**2
+        return float((2 * np.pi * self.hz) ** 2 / self._mode()[0] / self.px_per_m**2 * uniform.specific / thin)

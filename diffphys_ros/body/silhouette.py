@@ -33,9 +33,9 @@ class Raster:
         return self.origin + self.pitch_m * index
 
 
-def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool) -> Raster:
-    """The raster that covers body points (P, 2 or 3) with a margin, starting at x = 0 where the body is clamped there."""
-    margin = 6 * pitch_m
+def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool, beside_m: float = 0.0) -> Raster:
+    """The raster that covers body points (P, 2 or 3) with a margin, and so much more to either side, starting at x = 0 where the body is clamped there."""
+    margin = 6 * pitch_m + np.array([0.0, beside_m])
     low = np.floor((points[:, :2].min(0) - margin) / pitch_m)
     high = np.ceil((points[:, :2].max(0) + margin) / pitch_m)
     if from_zero:

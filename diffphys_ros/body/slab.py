@@ -20,7 +20,7 @@ WATER_DENSITY = 1000.0  # kg/m^3, assumed where neither mass nor density is know
 POISSON_RATIO = 0.3  # assumed where it is not known
 
 
-def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float | None = None, soft: np.ndarray | None = None) -> Body:
+def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px: float | None = None, soft: np.ndarray | None = None, parallel: bool = False) -> Body:
     """The solid seen in frame 0: its silhouette along the thickness axis, extruded symmetrically to the mid-plane.
 
     The front comes from `depth0`; the unseen back is the front mirrored in the mid-plane half a thickness behind it. The thickness is
@@ -34,6 +34,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
         behind_px: how far the held face lies behind the line of `scene.clamp_px`, out of the object, by who knows how surely; left out it lies on it,
             as surely as such a line is.
         soft: share of each pixel that the object covers (H, W), where that is known better than from frame 0.
+        parallel: what lies beyond the picture is as wide as the object is at its edge; left out, its sides lean half as they do there.
 
     Raises:
         InputError: nothing of the object near the clamp, a density list that does not fit the parts, an object too small.
@@ -43,7 +44,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     told = scene_of(clip, settings.scene)
     scene, seen = with_edge(clip, told)
     view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px or 0.0, soft)
-    solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share)
+    solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share, parallel=parallel)
     part = _parts(clip.labels[0], view, solid.inside)
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..config import Scene
 from ..errors import InputError
+from ..picture import along_border
 from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
 from .view import FrontView
 
@@ -18,6 +19,10 @@ HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind
 RAGGED = 0.25  # of its width: an end that is uneven by no more is one end [chosen]
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
 BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
+SIDES = 0.5  # of its width where the object leaves the picture, along which its sides are read at the least; else along as much as is hidden [chosen]
+SLANT_PX = 1.0  # by which they draw nearer along that, or apart: less is noise of two edges, each within a quarter of a pixel, and a cell's rounding [derived]
+LEANS_ON = 0.5  # of that, by which they lean where they are not seen: as likely as leaning on they are parallel there, as those of grips are [chosen]
+HIDDEN_WIDTHS = (0.5, 2.0)  # of its width there, between which what is hidden stays [chosen]
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 
@@ -31,16 +36,18 @@ class Solid:
     short_m: float = 0.0  # how far the outline ended before the clamped plane, to which it is continued [m]
 
 
-def solid_of(view: FrontView, scene: Scene, *, sheet_share: float = 0.0) -> Solid:
+def solid_of(view: FrontView, scene: Scene, *, sheet_share: float = 0.0, parallel: bool = False) -> Solid:
     """The solid that a view shows. Where nobody tells its thickness and `sheet_share` is above 0, a sheet as thick as that share of its longest
-    side at most, with the gaps between its strands. Raises InputError where nothing of it faces the thickness axis."""
+    side at most, with the gaps between its strands. `parallel`: beyond the picture it is as wide as at its edge, whichever way its sides lean there. Raises
+    InputError where nothing of it faces the thickness axis."""
     sheet_share = 0.0 if scene.thickness_m else sheet_share
     inside, height = _front(view, scene, strands=sheet_share > 0)
     if not inside.any():
         raise InputError(f"{view.source}: no part of the object faces scene.thickness_axis; correct the axis or the mask")
     short = 0
     if view.clamp:
-        inside, short = _with_straight_root(view, inside) if view.clamp.drawn else _with_root(view, inside)
+        parallel = parallel or scene.clamp_px is None or not along_border(scene.clamp_px, view.soft.shape)
+        inside, short = _with_straight_root(view, inside, parallel=parallel) if view.clamp.drawn else _with_root(view, inside)
     full = np.full(inside.shape, scene.thickness_m / 2) if scene.thickness_m else _own_half(inside, sheet_share) * view.raster.pitch_m
     receding = np.zeros(inside.shape) if sheet_share else np.clip(view.front - smoothed(height, inside), 0, None)  # a sheet that recedes is bent, not thinner
     half = full - np.where(receding > max(FLAT_PX * view.footprint_m, FLAT_NOISE * view.noise_m), receding, 0.0)
@@ -83,14 +90,29 @@ def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(in_box, reaching_clamp(inside, np.zeros_like(inside), reach=short + uneven, tolerance=short + uneven), inside), short
 
 
-def _with_straight_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
-    """The silhouette continued straight from the line that was drawn for the clamp, and from the picture's edge, to the clamped plane; and 0
-    cells. Raises InputError where nothing of it lies at that line."""
+def _with_straight_root(view: FrontView, inside: np.ndarray, *, parallel: bool) -> tuple[np.ndarray, int]:
+    """The silhouette continued straight from the line that was drawn for the clamp, and from the picture's edge, to the clamped plane, with sides that
+    draw nearer or apart half as they do beside that edge unless they are to be parallel; and 0 cells. Raises InputError where nothing of it lies at that line."""
     assert view.clamp is not None
     first = min(round((view.behind_m + BESIDE_LINE_PX * view.footprint_m) / view.raster.pitch_m), len(inside) - 1)
     if not inside[first].any():
         raise InputError(f"{view.clamp.told}: nothing of the object lies at this line in its reference frame; draw it across the held end, or along the picture's edge")
-    return np.where(np.arange(len(inside))[:, None] < first, inside[first], inside), 0
+    root = np.broadcast_to(inside[first], (first, inside.shape[1])) if parallel else _continued(inside, first)
+    return np.concatenate([root, inside[first:]]), 0
+
+
+def _continued(inside: np.ndarray, first: int) -> np.ndarray:
+    """Rows 0 .. first - 1 of a silhouette (nx, ny): row `first`, stretched about its middle half as its width changes along the rows after it."""
+    width = inside[first:].sum(1)
+    width = width[: max(min(first, np.count_nonzero(width) // 2), round(SIDES * width[0]), 2)]
+    slope, begin = np.polyfit(np.arange(len(width)), width, 1) if len(width) > 1 else (0.0, float(width[0]))
+    if abs(slope) * len(width) < SLANT_PX * CELLS_PER_PIXEL:
+        slope = 0.0
+    stretch = np.clip(1 - LEANS_ON * slope / begin * np.arange(first, 0, -1), *HIDDEN_WIDTHS)
+    column = np.arange(inside.shape[1])
+    middle = column[inside[first]].mean()
+    place = np.rint(middle + (column - middle) / stretch[:, None]).astype(int)
+    return inside[first][np.clip(place, 0, len(column) - 1)] & (place >= 0) & (place < len(column))
 
 
 def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:

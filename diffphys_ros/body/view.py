@@ -85,7 +85,7 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
         surface=np.where(mask, depth0, 0.0).astype(float),
         measured=None if clip.depth is None else clip.depth[0],
         pose=pose,
-        raster=raster_over(seen, footprint / CELLS_PER_PIXEL, from_zero=clamp is not None),
+        raster=raster_over(seen, footprint / CELLS_PER_PIXEL, from_zero=clamp is not None, beside_m=behind_px * footprint),
         front=front,
         noise_m=noise,
         footprint_m=footprint,

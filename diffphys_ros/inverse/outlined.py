@@ -1,13 +1,16 @@
 """A clip of an object without texture, prepared by its outline: its calm frames, how it hangs in its picture, and at what scale.
 
 Where the clamp lies beyond the picture, its place is found together with the scale: of several bodies, each continued straight to a clamp
-further out and as long as it is told to be, the one is taken whose leading mode has the shape that the outline shows.
+further out and as long as it is told to be, the one is taken whose leading mode has the shape that the outline shows. Where its sides lean at
+the picture's edge, what is hidden may lean on or not: it is taken to lean half as much, and what parallel sides would make of clamp and modulus is in their
+standard deviations.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -83,19 +86,16 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     note = f"frames {first} to {end - 1} of {count}, about rest, are fitted by the object's outline"
     clip = replace(steady.clip, notes=(*steady.clip.notes, note))
     trials = _Trials(clip, settings, steady.sway)
-    places: list[float] = []
-    misfits: list[Hung] = []
-    for behind in trials.places(misfits):
-        places.append(behind)
-        misfits.append(trials.hung(behind))
-        yield Progress("body", text=f"clamp {behind:.0f} px behind its line: shape missed by {100 * math.sqrt(misfits[-1].misfit / misfits[-1].points):.1f} %")
+    places, misfits = yield from _tried(trials)
     behind, sd, bend = trials.best(places, misfits, drawn=not held_at)
+    hidden_px, hidden_log = yield from _hidden(trials, behind, _log_young(places, misfits, behind))
     if steady.sway is not None:
         swayed, *_ = trials.best(places, [replace(one, misfit=one.misfit_swayed) for one in misfits], drawn=not held_at)
         sd = math.hypot(sd, swayed - behind)
     z, tracks, body, settings = trials.at(behind)
     length_px = trials.end_px + behind
-    scale_sd, log_sd = _doubts(sd, bend, length_px, steady.sway, depth_told=trials.depth_told)
+    scale_sd, log_sd = (math.hypot(*pair) for pair in zip(_doubts(sd, bend, length_px, steady.sway, depth_told=trials.depth_told), (hidden_px / length_px, hidden_log), strict=True))
+    sd = math.hypot(sd, hidden_px)
     px_per_m = clip.camera.focal_px / z
     hanging = replace(hanging, behind_px=behind, behind_px_sd=sd, px_per_m=px_per_m, px_per_m_sd=px_per_m * scale_sd, log10_young_sd=log_sd)
     from ..depth import DepthSource
@@ -103,6 +103,33 @@ def outlined(clip: Clip, settings: Settings) -> Generator[Progress, None, Outlin
     source = DepthSource("a plane across the line of sight", trials.scale_words(hanging))
     body = replace(body, sources=body.sources | trials.words(hanging, held_at or "clamp_px"))
     return Outlined(clip, trials.depth(z), source, tracks, body, settings, hanging, whole, steady.moved)
+
+
+def _tried(trials: _Trials) -> Generator[Progress, None, tuple[list[float], list[Hung]]]:
+    """Places of the clamp behind its line [px], and how the body hangs from each."""
+    places: list[float] = []
+    found: list[Hung] = []
+    for behind in trials.places(found):
+        places.append(behind)
+        found.append(trials.hung(behind))
+        hidden = ", with parallel sides there" if trials.parallel else ""
+        yield Progress("body", text=f"clamp {behind:.0f} px behind its line{hidden}: shape missed by {100 * math.sqrt(found[-1].misfit / found[-1].points):.1f} %")
+    return places, found
+
+
+def _hidden(trials: _Trials, behind: float, log_young: float) -> Generator[Progress, None, tuple[float, float]]:
+    """By how much the clamp's place [px] and log10 E change where the sides are parallel beyond the picture: leaning as they do beside its edge they change by
+    as much to the other side."""
+    if not trials.lean():
+        return 0.0, 0.0
+    places, found = yield from _tried(trials.upright())
+    elsewhere, *_ = trials.best(places, found, drawn=True)
+    return elsewhere - behind, _log_young(places, found, elsewhere) - log_young
+
+
+def _log_young(places: list[float], found: list[Hung], behind: float) -> float:
+    """log10 E [Pa] of a body that is held so far behind its line."""
+    return float(np.interp(behind, places, np.log10([one.young for one in found])))
 
 
 def _doubts(behind_sd_px: float, bend: float, length_px: float, sway: Sway | None, *, depth_told: bool) -> tuple[float, float]:
@@ -165,7 +192,7 @@ class _Trials:
     def __init__(self, clip: Clip, settings: Settings, sway: Sway | None = None):
         from ..outline import end_of, rest_cover, rest_outline
 
-        self.clip, self.settings, self.sway = clip, settings, sway
+        self.clip, self.settings, self.sway, self.parallel = clip, settings, sway, False
         assert clip.labels is not None
         self.mask = object_mask(clip.labels[0])
         self.line = None if settings.scene.clamp_px is None else np.reshape(np.array(settings.scene.clamp_px, float), (2, 2))
@@ -224,7 +251,19 @@ class _Trials:
         if settings.scene.thickness_m is None:  # as deep as it is wide
             wide_m = float(self.soft.sum()) / self.end_px * z / self.clip.camera.focal_px
             settings = replace(settings, scene=replace(settings.scene, thickness_m=wide_m))
-        return z, follow_outline(self.clip, depth0), build_body(self.clip, depth0, settings, behind_px=behind, soft=self.soft), settings
+        return z, follow_outline(self.clip, depth0), build_body(self.clip, depth0, settings, behind_px=behind, soft=self.soft, parallel=self.parallel), settings
+
+    def upright(self) -> _Trials:
+        """The same with sides that are parallel where they are not seen."""
+        other = copy(self)
+        other.parallel = True
+        return other
+
+    def lean(self) -> bool:
+        """Whether the body's sides lean where it leaves the picture."""
+        furthest = BEHIND[-1] * self.end_px
+        leaning, upright = (trials.at(furthest)[2].inside for trials in (self, self.upright()))
+        return self._beyond() and not np.array_equal(leaning, upright)
 
     def hung(self, behind: float) -> Hung:
         """How well that body hangs."""

@@ -56,7 +56,7 @@ def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     if not body.clamped:
         return None
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
-    first = int(np.clip(round(FIRST_SHARE / (hz * whole.period_s)), LEAST_FIRST, MOST_FIRST))
+    first = first_frames(hz, whole.period_s)
     begin = _let_go_at(_aside(whole, seen.hanging.rest_frame), first)
     whole, seen = whole.part(begin, len(whole)), replace(seen, hanging=replace(seen.hanging, rest_frame=seen.hanging.rest_frame - begin))
     follower = Follower.of(FlatSolid.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
@@ -82,6 +82,11 @@ def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
         return None
     error, constant = (float(np.sqrt(((tip - told) ** 2).sum(1).mean())) for tip in (found.tip, found.constant))
     return Swing(len(told), motion, error, error / motion, constant / motion, found.law.softens, found.law.drag_per_m, hz / calm.small_hz(found.law), begin)
+
+
+def first_frames(hz: float, period_s: float) -> int:
+    """How many frames pose and velocity of the first are read from, where a swing has that frequency: along more of a fast one no parabola lies."""
+    return int(np.clip(round(FIRST_SHARE / (hz * period_s)), LEAST_FIRST, MOST_FIRST))
 
 
 def calm_swing(follower: Follower, seen: Outlined, start: StartValues, hz: float) -> CalmSwing:

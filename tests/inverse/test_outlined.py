@@ -13,14 +13,15 @@ import pytest
 
 from diffphys_ros import config, inverse
 from diffphys_ros.body.leaving import FOUND
+from diffphys_ros.config import Settings
 from diffphys_ros.errors import InputError
 from diffphys_ros.inverse import prepare
-from diffphys_ros.inverse.outlined import FURTHEST, INDEPENDENT, _best, _contradicted_px, _Trials, outlined
+from diffphys_ros.inverse.outlined import DEPTH_SD, FURTHEST, INDEPENDENT, _best, _contradicted_px, _Trials, outlined
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.progress import finished
 from diffphys_ros.start.hang import Hung
 from diffphys_ros.types import Clip
-from tests.plain_strips import Strip
+from tests.plain_strips import Strip, Tapered
 
 from .test_solve import drive
 
@@ -30,10 +31,14 @@ DENSITY = 1070.0
 
 def prepared_of(clip: Clip, strip: Strip = STRIP) -> Prepared:
     """As the start of a fit, without what the answer predicts of the large swing (tests/inverse/test_swing.py)."""
-    told = {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules[prepare.__module__], "swing_of", lambda *_: None)
-        return drive(prepare(clip, config.layered([], told)))[-1]
+        return drive(prepare(clip, told_of(strip)))[-1]
+
+
+def told_of(strip: Strip) -> Settings:
+    """What is told of a strip."""
+    return config.layered([], {"scene.density_kg_m3": [DENSITY], "scene.size_m": strip.length_px / strip.px_per_m, "scene.poisson_ratio": [0.3]})
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +81,23 @@ def test_a_clamp_in_the_picture_has_a_share_in_the_stated_sd() -> None:
     off = sd_px / 4 * np.log10(trials.hung(4.0).young / trials.hung(0.0).young)  # of elements cut anew, whose own error is that of half a pixel
     assert seen.hanging.log10_young_sd == pytest.approx(abs(off), rel=0.25)
     assert seen.hanging.log10_young_sd > 0.004
+
+
+def test_a_strip_that_is_narrower_beyond_the_picture_has_its_modulus_and_is_less_sure() -> None:
+    """Held as wide as it is at the picture's edge, it came out .14 too soft in log10 E at a stated .02."""
+    strip = Tapered(frames=100, behind_px=30.0, width_px=14.0)
+    seen = finished(outlined(strip.clip(), told_of(strip)))
+    young = _Trials(seen.clip, seen.settings).hung(seen.hanging.behind_px).young
+    error = abs(np.log10(young / DENSITY / strip.specific))
+    assert error < 0.1
+    assert error < 1.5 * seen.hanging.log10_young_sd
+    assert abs(seen.hanging.behind_px - strip.behind_px) < 2 * seen.hanging.behind_px_sd
+
+
+def test_parallel_sides_are_not_tried_twice() -> None:
+    seen = finished(outlined(STRIP.clip(), told_of(STRIP)))
+    assert not _Trials(seen.clip, seen.settings).lean()
+    assert seen.hanging.log10_young_sd < 2 * DEPTH_SD
 
 
 @pytest.mark.parametrize("share", [0.12, 0.62])
