@@ -19,8 +19,8 @@ HIDDEN_ROOT = 0.35  # of the length: at most so much of the root may hide behind
 RAGGED = 0.25  # of its width: an end that is uneven by no more is one end [chosen]
 ROOT_TOLERANCE_PX = 3.0  # gap at the clamp that is closed although nothing is seen to hide it
 BESIDE_LINE_PX = 8.0  # from a line drawn for the clamp from which the outline counts: nearer, the picture's edge cuts it
-SIDES = 0.5  # of its width where the object leaves the picture, along which its sides are read at the least; else along as much as is hidden [chosen]
-SLANT_PX = 1.0  # by which they draw nearer along that, or apart: less is noise of two edges, each within a quarter of a pixel, and a cell's rounding [derived]
+SIDES = 1.0  # of its width where the object leaves the picture, along which its sides are read at the least; else along as much as is hidden [chosen]
+SLANT = 0.05  # of its width, by which they draw nearer along that, or apart: straight strips are as uneven [docs/measurements/films.md]
 LEANS_ON = 0.5  # of that, by which they lean where they are not seen: as likely as leaning on they are parallel there, as those of grips are [chosen]
 HIDDEN_WIDTHS = (0.5, 2.0)  # of its width there, between which what is hidden stays [chosen]
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
@@ -106,7 +106,7 @@ def _continued(inside: np.ndarray, first: int) -> np.ndarray:
     width = inside[first:].sum(1)
     width = width[: max(min(first, np.count_nonzero(width) // 2), round(SIDES * width[0]), 2)]
     slope, begin = np.polyfit(np.arange(len(width)), width, 1) if len(width) > 1 else (0.0, float(width[0]))
-    if abs(slope) * len(width) < SLANT_PX * CELLS_PER_PIXEL:
+    if abs(slope) * len(width) < SLANT * begin:
         slope = 0.0
     stretch = np.clip(1 - LEANS_ON * slope / begin * np.arange(first, 0, -1), *HIDDEN_WIDTHS)
     column = np.arange(inside.shape[1])

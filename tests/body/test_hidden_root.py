@@ -7,7 +7,7 @@ import pytest
 
 from diffphys_ros import config
 from diffphys_ros.body import build_body
-from diffphys_ros.body.solid import BESIDE_LINE_PX, LEANS_ON
+from diffphys_ros.body.solid import BESIDE_LINE_PX, LEANS_ON, _continued
 from diffphys_ros.outline import covered
 from diffphys_ros.types import Body, Camera, Clip
 
@@ -40,6 +40,15 @@ def test_sides_that_lean_at_the_border_lean_half_as_much_behind_it(border_px: fl
 
 def test_sides_that_are_parallel_but_for_noise_stay_so() -> None:
     assert np.array_equal(hung(30.0, 30.8).inside, hung(30.0, 30.8, parallel=True).inside)
+
+
+def test_a_bump_beside_the_border_as_large_as_moulded_strips_have_is_no_lean() -> None:
+    """A film of a straight strip has one of 4 px in 47, half of a width below the border: its E was .013 off where the slope up to it counted."""
+    rows = np.arange(400)
+    width = 141 + 12 * np.exp(-0.5 * ((rows - 162) / 25) ** 2)
+    inside = np.abs(np.arange(400) - 200) < width[:, None] / 2
+    first = inside[90]
+    np.testing.assert_array_equal(_continued(inside, 90), np.broadcast_to(first, (90, 400)))
 
 
 def test_sides_may_be_told_to_be_parallel_where_they_are_not_seen() -> None:
