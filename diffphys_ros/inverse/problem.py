@@ -104,7 +104,8 @@ def problem_on(
     told = Told(prepared, settings.experiment, forward.simulator.x_rest, forward.simulator.tensor(disc.particles.volume), target, binding, renderer, plan.image_every)
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
-    prior = Prior.of(layout, start, start_scale=start_scale, ways=Stiff.of(along_of(body), prepared.modal).ways, precision=precision)
+    stiff = Stiff.of(along_of(body), prepared.modal, has_depth=prepared.tracks.has_depth)
+    prior = Prior.of(layout, start, start_scale=start_scale, ways=stiff.ways, precision=precision)
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)

@@ -29,12 +29,13 @@ class Stiff:
     prices: np.ndarray  # of a force that way over one across, before it is known how large that is, (h,)
 
     @classmethod
-    def of(cls, along: np.ndarray, modal: ModalModel) -> Stiff:
+    def of(cls, along: np.ndarray, modal: ModalModel, *, has_depth: bool) -> Stiff:
         """Along (3,), and of the two ways across the one that a held body sags in under its own uniform load by less than AXIAL_SHARE of the other. A force
-        that way is priced by what it moves: so small a motion is of a large force."""
-        load, squares, shapes = modal.footprint_load(), *modal.eigen(modal.reference)
+        that way is priced by what it moves: so small a motion is of a large force. Along alone where the tracks have no depth: what a sheet's plane shows
+        may be all that is seen then."""
         only = cls(along[None], np.array([ALONG]), np.array([DEARER]))
-        if squares[0] < HELD * squares[-1]:
+        load, squares, shapes = modal.footprint_load(), *modal.eigen(modal.reference)
+        if not has_depth or squares[0] < HELD * squares[-1]:
             return only
         across = np.array([[-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
         sag = (((shapes.T @ load) @ across.T) ** 2 / squares[:, None]).sum(0)

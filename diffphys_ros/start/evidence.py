@@ -109,4 +109,5 @@ class Evidence:
         unit = max(float(acceleration), 1e-6) * self.body.mass_kg / self.body.volume_m3
         seen = Projection.of_tracks(self.motion, modal) if support.allowed.any() else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
-        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, np.ones(len(known)), along_of(self.body))
+        calm, depth = np.ones(len(known)), self.tracks.has_depth
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth)

@@ -73,12 +73,13 @@ class ForceProblem:
     motion_unit: float  # of the initial basis coordinates: the largest seen
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
     along: np.ndarray  # unit vector along the body (start/along.py), (3,)
+    has_depth: bool  # whether motion along the line of sight was measured
     expected: np.ndarray | None = None  # rows (k, F) of what a force as large as that across would cost in the allowed frames, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
     def stiff(self) -> Stiff:
         """Ways in which a force hardly moves the body."""
-        return Stiff.of(self.along, self.modal)
+        return Stiff.of(self.along, self.modal, has_depth=self.has_depth)
 
     @cached_property
     def uniform_load(self) -> np.ndarray:

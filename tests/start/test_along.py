@@ -104,9 +104,14 @@ def test_a_force_in_the_plane_of_a_sheet_is_found_by_the_little_that_it_moves(di
 @pytest.mark.parametrize(("height", "thickness", "ways"), [(0.2, 0.012, [[1, 0, 0], [0, 1, 0]]), (0.2, 0.15, [[1, 0, 0]]), (0.024, 0.2, [[1, 0, 0], [0, 0, 1]])])
 def test_a_body_is_stiff_along_and_where_it_is_much_thicker_than_the_other_way(height: float, thickness: float, ways: list[list[float]]) -> None:
     body, modal = sheet(height=height, thickness=thickness)
-    np.testing.assert_allclose(Stiff.of(along_of(body), modal).ways, ways, atol=1e-6)
+    np.testing.assert_allclose(Stiff.of(along_of(body), modal, has_depth=True).ways, ways, atol=1e-6)
 
 
 def test_a_sheet_that_nothing_holds_moves_any_way() -> None:
     body, modal = sheet(clamped=False)
-    assert len(Stiff.of(along_of(body), modal).ways) == 1
+    assert len(Stiff.of(along_of(body), modal, has_depth=True).ways) == 1
+
+
+def test_a_sheet_of_which_no_depth_is_seen_is_stiff_along_alone() -> None:
+    body, modal = sheet()
+    assert len(Stiff.of(along_of(body), modal, has_depth=False).ways) == 1
