@@ -88,6 +88,18 @@ def motion(modal: ModalModel, young: np.ndarray, force: np.ndarray, **start: np.
     return modal.respond(young, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S, **start)
 
 
+def moved(modal: ModalModel, force: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Basis coordinates (T, r) under a force (T, 3) with modal loads (r, 3)."""
+    return modal.respond(YOUNG, damping=Damping(0.0, BETA), load=force @ load.T, period_s=PERIOD_S)
+
+
+def alike_errors(modal: ModalModel, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Errors (T, count) of unit size that frames of a quarter period share."""
+    frames = np.arange(FRAMES) * modal.frequencies(YOUNG)[0] * PERIOD_S
+    alike = np.exp(-0.5 * ((frames[:, None] - frames) / 0.1) ** 2)
+    return np.linalg.cholesky(alike + 1e-9 * np.eye(FRAMES)) @ rng.standard_normal((FRAMES, count))
+
+
 def true_fit(body: Body, modal: ModalModel, seen: Tracks, *, young: np.ndarray = YOUNG, forced: slice = FORCED) -> Fit:
     """The fit to tracks whose physics and forced frames are right."""
     frames = np.zeros(FRAMES, bool)

@@ -261,9 +261,11 @@ class _Trials:
 
     def lean(self) -> bool:
         """Whether the body's sides lean where it leaves the picture."""
+        if not self._beyond():
+            return False
         furthest = BEHIND[-1] * self.end_px
         leaning, upright = (trials.at(furthest)[2].inside for trials in (self, self.upright()))
-        return self._beyond() and not np.array_equal(leaning, upright)
+        return not np.array_equal(leaning, upright)
 
     def hung(self, behind: float) -> Hung:
         """How well that body hangs."""

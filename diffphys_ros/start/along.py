@@ -34,11 +34,13 @@ class Stiff:
         that way is priced by what it moves: so small a motion is of a large force. Along alone where the tracks have no depth: what a sheet's plane shows
         may be all that is seen then."""
         only = cls(along[None], np.array([ALONG]), np.array([DEARER]))
-        load, squares, shapes = modal.footprint_load(), *modal.eigen(modal.reference)
-        if not has_depth or squares[0] < HELD * squares[-1]:
+        if not has_depth:
+            return only
+        squares, shapes = modal.eigen(modal.reference)
+        if squares[0] < HELD * squares[-1]:
             return only
         across = np.array([[-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-        sag = (((shapes.T @ load) @ across.T) ** 2 / squares[:, None]).sum(0)
+        sag = ((shapes.T @ modal.footprint_load() @ across.T) ** 2 / squares[:, None]).sum(0)
         ratio = sag.min() / sag.max()
         if ratio > AXIAL_SHARE:
             return only

@@ -119,6 +119,10 @@ class ForceProblem:
         displacement, velocity = start @ system.shapes[:, : start.shape[1]].T
         return Solution(float(residual @ residual), force, displacement, velocity, residual)
 
+    def solve_under(self, physics: Physics, footprint: Footprint) -> Solution:
+        """The same under a member of a family."""
+        return self.solve(physics, self.footprint_load(footprint))
+
     def system(self, physics: Physics, footprint: np.ndarray) -> System:
         """What `solve` solves."""
         omega2, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)

@@ -204,16 +204,15 @@ class _Doubt:
 
     def by_moving_it(self) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of what is open of a push's place and width."""
-        whole, physics = self.whole, self.fit.physics
-        near = open_nearby(whole, physics, self.fit.footprint, missed=self.told_squared)
-        found = [self._net(whole.solve(physics, whole.footprint_load(place)), place) - self.force for place in near]
+        near = open_nearby(self.whole, self.fit.physics, self.fit.footprint, missed=self.told_squared)
+        found = [self._net(self.whole.solve_under(self.fit.physics, place), place) - self.force for place in near]
         return np.array(found).reshape(-1, len(self.force)).T
 
     def by_place(self) -> tuple[np.ndarray, np.ndarray]:
         """The net force (m, 3 F) under the footprints that the motion leaves possible, and how probable it makes each, (m,)."""
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
-        found = [self.whole.solve(self.fit.physics, self.whole.footprint_load(place)) for place in places]
+        found = [self.whole.solve_under(self.fit.physics, place) for place in places]
         costs = unlikely(self.whole, self.fit.physics, np.array([each.cost for each in found]), missed=self.told_squared)
         weight = probabilities(costs, before(len(places)), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)

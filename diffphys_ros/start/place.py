@@ -65,7 +65,7 @@ def open_nearby(problem: ForceProblem, physics: Physics, footprint: Footprint, *
     found = np.r_[footprint.parameters[:2], np.log(footprint.parameters[2])] / unit
 
     def solved(p: np.ndarray) -> Solution:
-        return problem.solve(physics, problem.footprint_load(_gaussian(p * unit)))
+        return problem.solve_under(physics, _gaussian(p * unit))
 
     slope, cost = differences(lambda p: solved(p).residual, found), solved(found).cost
     told = independent(problem, physics) / (cost + missed * problem.known.sum()) * slope.T @ slope
@@ -89,7 +89,7 @@ def counts_once(problem: ForceProblem, physics: Physics, missed: float) -> float
 
 
 def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
-    return problem.solve(physics, problem.footprint_load(footprint)).cost
+    return problem.solve_under(physics, footprint).cost
 
 
 def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:

@@ -16,7 +16,7 @@ from diffphys_ros.start.net_force import NetForceDoubt, largest, net_force_doubt
 from diffphys_ros.start.place import best_footprint, probabilities
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
-from tests.made_bar import BETA, FRAMES, LENGTH, PERIOD_S, YOUNG, gust, tracks, true_fit
+from tests.made_bar import BETA, FRAMES, LENGTH, YOUNG, alike_errors, gust, moved, tracks, true_fit
 
 PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
 ALONG = 0.25  # of the force across the body, rms
@@ -29,10 +29,6 @@ def at(modal: ModalModel, body: Body, q: np.ndarray, **noise: int) -> Fit:
     return true_fit(body, modal, tracks(modal, q, **noise))
 
 
-def moved(modal: ModalModel, force: np.ndarray, load: np.ndarray) -> np.ndarray:
-    return modal.respond(YOUNG, damping=Damping(0.0, BETA), load=force @ load.T, period_s=PERIOD_S)
-
-
 def drawn(modal: ModalModel, body: Body, whole: ForceProblem, seed: int) -> tuple[Fit, np.ndarray]:
     """A fit, and the true net force (T, 3): of any direction across, on the whole body or about a place that may be anywhere on it."""
     rng = np.random.default_rng(seed)
@@ -42,9 +38,7 @@ def drawn(modal: ModalModel, body: Body, whole: ForceProblem, seed: int) -> tupl
     load = whole.footprint_load(place)
     force = gust(tuple(direction)) * np.linalg.norm(whole.uniform_load) / np.linalg.norm(load)
     q = moved(modal, force, load)
-    period = 1 / (modal.frequencies(YOUNG)[0] * PERIOD_S)
-    alike = np.exp(-0.5 * (np.subtract.outer(np.arange(FRAMES), np.arange(FRAMES)) / (0.1 * period)) ** 2)
-    missed = np.linalg.cholesky(alike + 1e-9 * np.eye(FRAMES)) @ rng.standard_normal((FRAMES, 2)) * MISSED * q[:, :2].std()
+    missed = alike_errors(modal, rng, 2) * MISSED * q[:, :2].std()
     fit = at(modal, body, np.column_stack([q[:, :2] + missed - missed[0], q[:, 2:]]), seed=seed)
     return fit, force * whole.footprint_volume(place)
 

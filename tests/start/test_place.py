@@ -16,7 +16,7 @@ from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import largest, net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
-from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, gust, tracks, true_fit
+from tests.made_bar import BETA, FRAMES, YOUNG, alike_errors, gust, moved, tracks, true_fit
 
 PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
 MISSED = 0.005  # of the motion, alike over a quarter period
@@ -31,10 +31,8 @@ def pushed(body: Body, modal: ModalModel, seed: int) -> tuple[Fit, np.ndarray]:
     there = Footprint("gaussian", np.r_[low + (high - low) * rng.uniform(0.25, 0.95, 2), rng.uniform(0.08, 0.3) * length])
     load, turn = whole.footprint_load(there), rng.uniform(0, 2 * np.pi)
     force = gust((0.0, np.cos(turn), np.sin(turn))) * np.linalg.norm(whole.uniform_load) / np.linalg.norm(load)
-    q = modal.respond(YOUNG, damping=Damping(0.0, BETA), load=force @ load.T, period_s=PERIOD_S)
-    frames = np.arange(FRAMES) * modal.frequencies(YOUNG)[0] * PERIOD_S
-    alike = np.exp(-0.5 * ((frames[:, None] - frames) / 0.1) ** 2)
-    missed = np.linalg.cholesky(alike + 1e-9 * np.eye(FRAMES)) @ rng.standard_normal((FRAMES, MODES)) * MISSED * q[:, :MODES].std(0).max()
+    q = moved(modal, force, load)
+    missed = alike_errors(modal, rng, MODES) * MISSED * q[:, :MODES].std(0).max()
     q[:, :MODES] += missed - missed[0]
     fit = true_fit(body, modal, tracks(modal, q, seed=seed))
     return replace(fit, footprint=place.best_footprint(fit.whole, PHYSICS)), force * whole.footprint_volume(there)
