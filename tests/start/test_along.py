@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diffphys_ros.modes import ModalModel
-from diffphys_ros.start.along import Stiff, along_of
+from diffphys_ros.start.along import DEARER, Stiff, along_of
 from diffphys_ros.start.net_force import net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.start.values import of_motion
@@ -115,3 +115,13 @@ def test_a_sheet_that_nothing_holds_moves_any_way() -> None:
 def test_a_sheet_of_which_no_depth_is_seen_is_stiff_along_alone() -> None:
     body, modal = sheet()
     assert len(Stiff.of(along_of(body), modal, has_depth=False).ways) == 1
+
+
+def test_a_force_in_the_plane_of_a_sheet_is_priced_by_what_it_moves_and_one_along_as_if_it_moved_more() -> None:
+    """What a swing across needs says nothing of it: a cantilever's sag goes with the inverse square of its depth, and shear adds to that of a deep one."""
+    body, modal = sheet()
+    stiff = fit_of(body, modal, gust()).whole.stiff
+    along, in_plane, across = np.linalg.norm(stiff.costs, axis=0)
+    assert 1 < in_plane / (0.012 / 0.2) ** 2 < 3
+    assert across == pytest.approx(1)
+    assert along == pytest.approx(DEARER)
