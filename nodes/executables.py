@@ -7,6 +7,7 @@ import importlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import Any, NoReturn
@@ -15,6 +16,7 @@ from . import middleware
 
 BAD_INPUT = 2
 CLEAN_UP_S = 8.0  # launch sends SIGTERM after 5 s and SIGKILL after 10
+LOCKED_S = 1.0  # on top of it, for a clean-up that does not let go of the interpreter
 SPIN_S = 0.1  # longest wait between two looks at the signal
 
 
@@ -73,12 +75,25 @@ def run(module: str, name: str) -> NoReturn:
         sys.excepthook(*sys.exc_info())
     finally:
         stop.deafen()
-        faulthandler.dump_traceback_later(CLEAN_UP_S, exit=True)  # a middleware that waits for a dead peer must not keep the process
+        end_in_time(status)
         if node is not None:
             node.close()
             node.destroy_node()
         rclpy.try_shutdown()
         leave(status)
+
+
+def end_in_time(status: int) -> None:
+    """From here on a middleware that waits for a dead peer keeps the process for `CLEAN_UP_S` at most; it ends with what it had reached."""
+
+    def end() -> None:
+        faulthandler.dump_traceback()
+        leave(status)
+
+    guard = threading.Timer(CLEAN_UP_S, end)
+    guard.daemon = True
+    guard.start()
+    faulthandler.dump_traceback_later(CLEAN_UP_S + LOCKED_S, exit=True)  # status 1: no thread of Python can run any more
 
 
 def _init(rclpy: Any) -> None:
