@@ -16,8 +16,8 @@ LEAVES = 0.25  # of the body's reach from what holds it: so far it shows which w
 HELD = 1e-9  # share of the largest squared frequency below which the lowest is that of a body that nothing holds [numerical]
 AXIAL_SHARE = 0.05  # of a force along the body over one across it: what hardly moves the body would be made of tracking errors [chosen]
 DEARER = 1 / AXIAL_SHARE  # how much more a force costs along the body than across it [derived]
-ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that across, which is seen [chosen]
-IN_PLANE = 3.0  # the same of a force in the plane of a sheet, which comes from any side: wide, tracks see what it moves [chosen]
+ALONG = 0.25  # rms of a force along the body, which hardly moves it, over that at right angles [chosen]
+IN_PLANE = 1.0  # the same of a force in the plane of a sheet, where it may come from any side [derived]
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Stiff:
     """Ways in which a force hardly moves a body."""
 
     ways: np.ndarray  # unit vectors at right angles, body frame, along the body first, (h, 3)
-    shares: np.ndarray  # rms of a force that way that is expected, over that across, (h,)
+    shares: np.ndarray  # rms of a force that way that is expected, over that at right angles to the body, (h,)
     prices: np.ndarray  # of a force that way over one across, before it is known how large that is, (h,)
 
     @classmethod
@@ -57,8 +57,13 @@ class Stiff:
         return 3 - len(self.ways)
 
     @property
+    def along(self) -> np.ndarray:
+        """Unit vector along the body, (1, 3)."""
+        return self.ways[:1]
+
+    @property
     def expected(self) -> np.ndarray:
-        """Mean squares of a force these ways over that across, between components, (3, 3)."""
+        """Mean squares of a force these ways over that at right angles to the body, between components, (3, 3)."""
         return self.ways.T @ (self.shares[:, None] ** 2 * self.ways)
 
 

@@ -110,4 +110,4 @@ class Evidence:
         seen = Projection.of_tracks(self.motion, modal) if support.allowed.any() else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
         calm, depth = np.ones(len(known)), self.tracks.has_depth
-        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth)
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth, self.motion.coherent_m)

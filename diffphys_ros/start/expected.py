@@ -1,7 +1,8 @@
-"""How large a force along the body, or in the plane of a sheet, is expected to be, which hardly moves it: as a share of the one across, frame by frame.
+"""How large a force along the body, or in the plane of a sheet, is expected to be, which hardly moves it: as a share of the one at right angles to the body, frame by frame.
 
-The stronger a push or a wind, the more of it may act that way, and it lasts no longer. What the motion tells of it counts as far as what is missed of the
-motion lets it; where that is nothing the force along is none, the mean of what may act from either side.
+The stronger a push or a wind, the more of it may act that way, and it lasts no longer. What the motion tells of it counts as far as what is missed of motion
+in its own shape lets it: a large swing is missed by much, and hardly ever in the shape that a body takes under a force along it. Where the motion tells
+nothing the force along is none, the mean of what may act from either side.
 """
 
 from __future__ import annotations
@@ -10,14 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from .along import beside
-from .force import ForceProblem
+from .along import HELD, beside
+from .force import ForceProblem, Solution
 from .free_tail import Physics
-from .place import counts_once
+from .place import QUARTER, leading_frames
 
 ALIKE_FRAMES = 2.0  # standard deviation of the correlation of a force over frames [chosen]
 NEAR_FRAMES = 1.0  # standard deviation of the weights of the frames that tell how large a force is in one [numerical]
 LEAST = 1e-6  # of the largest variance: what is expected to be smaller is held at this [numerical]
+UNSEEN = 1e-300  # how far a body is seen to stand off where a force that way moves nothing that is seen [numerical]
 
 
 def expecting(problem: ForceProblem, physics: Physics, footprint: np.ndarray, *, missed: float = 0.0) -> ForceProblem:
@@ -25,18 +27,41 @@ def expecting(problem: ForceProblem, physics: Physics, footprint: np.ndarray, *,
     frame at the least, over its sigma."""
     found = problem.solve(physics, footprint)
     frames = np.flatnonzero(problem.allowed)
-    across = across_squared(found.force[frames], frames, problem.stiff.ways)
+    across = across_squared(found.force[frames], frames, problem.stiff.along)
     if not across.any():
         return problem
     variance, axes = np.linalg.eigh(together(across, frames) / problem.unit_of(footprint) ** 2)
-    once = counts_once(problem, physics, max(found.cost / problem.known.sum(), missed))
-    return replace(problem, expected=np.sqrt(once / np.maximum(variance, LEAST * variance[-1]))[:, None] * axes.T)
+    rows = axes.T / np.sqrt(np.maximum(variance, LEAST * variance[-1]))[:, None]
+    once = max(QUARTER * leading_frames(problem, physics), 1.0) * missed_in_stiff_ways(problem, physics, found, footprint, missed=missed)
+    return replace(problem, expected=np.sqrt(once)[:, None, None] * rows)
 
 
-def across_squared(force: np.ndarray, frames: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Squared size (F,) across stiff ways (h, 3) of forces (F, 3), each as large as those of the `frames` (F,) about it."""
+def missed_in_stiff_ways(problem: ForceProblem, physics: Physics, found: Solution, footprint: np.ndarray, *, missed: float = 0.0) -> np.ndarray:
+    """Squares (h,) of what a solution misses of a frame, over its sigma, in the shape that a force in each of the stiff ways gives the body; at the least
+    `missed` and the tracks' common error."""
+    left = problem.missed(found)[without_force(problem, physics)] @ shapes_in_stiff_ways(problem, physics, footprint).T
+    return np.maximum((left**2).mean(0), max((problem.common_m / problem.sigma_m) ** 2, missed))
+
+
+def shapes_in_stiff_ways(problem: ForceProblem, physics: Physics, footprint: np.ndarray) -> np.ndarray:
+    """Unit vectors (h, d) of how the body is seen to stand under a steady force in each of the stiff ways."""
+    squares, shapes = problem.modal.eigen(physics.young, physics.density, physics.poisson)
+    load = shapes.T @ footprint @ problem.stiff.ways.T
+    stands = problem.seen.operator @ shapes @ (load / np.maximum(squares, HELD * squares[-1])[:, None])
+    return np.asarray((stands / np.maximum(np.linalg.norm(stands, axis=0), UNSEEN)).T)
+
+
+def without_force(problem: ForceProblem, physics: Physics) -> np.ndarray:
+    """Which of the known frames (K,) come after the last force, where no force makes up for what is missed; all where they are no quarter of a period."""
+    known = np.flatnonzero(problem.known)
+    free = known > np.flatnonzero(problem.allowed).max(initial=-1)
+    return free if free.sum() >= QUARTER * leading_frames(problem, physics) else np.ones_like(free)
+
+
+def across_squared(force: np.ndarray, frames: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Squared size (F,) at right angles to unit vectors (h, 3) of forces (F, 3), each as large as those of the `frames` (F,) about it."""
     near = alike(frames, NEAR_FRAMES)
-    return np.asarray(near @ ((force @ beside(ways)) ** 2).sum(1) / near.sum(1))
+    return np.asarray(near @ ((force @ beside(along)) ** 2).sum(1) / near.sum(1))
 
 
 def together(squared: np.ndarray, frames: np.ndarray) -> np.ndarray:

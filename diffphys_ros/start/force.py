@@ -74,7 +74,8 @@ class ForceProblem:
     heaviness: np.ndarray  # of the prior on the size of each frame's force; 1: that of FORCE_SD, (T,)
     along: np.ndarray  # unit vector along the body (start/along.py), (3,)
     has_depth: bool  # whether motion along the line of sight was measured
-    expected: np.ndarray | None = None  # rows (k, F) of what a force as large as that across would cost in the allowed frames, over its unit; None: as of any, but dearer in stiff ways
+    common_m: float  # of the tracks' error: what is common to all points [m]
+    expected: np.ndarray | None = None  # rows (h, k, F) of what a force as large as that across would cost in the allowed frames and each of the stiff ways, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
     def stiff(self) -> Stiff:
@@ -101,7 +102,7 @@ class ForceProblem:
         heaviness, unknowns = self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial
         if self.expected is None:
             return _calming(heaviness, self.stiff.costs, unknowns)
-        rows = np.vstack([np.kron(self.expected / share, way) for way, share in zip(self.stiff.ways, self.stiff.shares, strict=True)])
+        rows = np.vstack([np.kron(each / share, way) for each, way, share in zip(self.expected, self.stiff.ways, self.stiff.shares, strict=True)])
         return np.vstack([_calming(heaviness, beside(self.stiff.ways), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
 
     @cached_property
@@ -118,6 +119,10 @@ class ForceProblem:
         start = system.initial_unit * unknown[split:].reshape(system.initial_unit.shape)
         displacement, velocity = start @ system.shapes[:, : start.shape[1]].T
         return Solution(float(residual @ residual), force, displacement, velocity, residual)
+
+    def missed(self, solution: Solution) -> np.ndarray:
+        """What a solution misses of the known frames, over sigma, (K, d)."""
+        return solution.residual[: self.seen.data[self.known].size].reshape(int(self.known.sum()), -1)
 
     def solve_under(self, physics: Physics, footprint: Footprint) -> Solution:
         """The same under a member of a family."""

@@ -17,11 +17,11 @@ from ..footprints import Footprint
 from ..modes.model import ModalModel
 from .along import beside
 from .densities import DENSITY_CONTRAST
-from .expected import across_squared, alike, together
+from .expected import across_squared, alike, missed_in_stiff_ways, shapes_in_stiff_ways, together, without_force
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import material_changes
-from .place import QUARTER, before, leading_frames, open_nearby, probabilities, unlikely
+from .place import before, leading_frames, open_nearby, probabilities, unlikely
 from .stages import Fit
 from .uncertainty import Bend
 
@@ -134,30 +134,31 @@ class _Doubt:
 
     def _of_motion(self, gain: np.ndarray) -> np.ndarray:
         """What errors of the observed motion make of unknowns with this gain (u, K, d), (u, u): as large as what is missed where no force can make up for it, in the
-        shapes that were seen, and alike over a quarter period."""
+        shapes that were seen and in those of forces in stiff ways, and alike over a quarter period."""
         known = np.flatnonzero(self.whole.known)
         shapes = np.linalg.svd(self.whole.seen.data[known], full_matrices=False)[2][: self.fit.evidence.motion.shapes.shape[2]]
-        followed = [gain @ shape for shape in shapes]
-        same = alike(known, MISSED_PERIODS * self.leading_frames) * self.missed_m**2 / max(len(shapes), 1)
-        return sum((each @ same @ each.T for each in followed), np.zeros((len(gain), len(gain))))
+        stiff = shapes_in_stiff_ways(self.whole, self.fit.physics, self.load)
+        size = self.whole.sigma_m**2 * missed_in_stiff_ways(self.whole, self.fit.physics, self.solution, self.load, missed=self.told_squared)
+        squares = np.r_[np.full(len(shapes), self.missed_m**2 / max(len(shapes), 1)), size]
+        same = alike(known, MISSED_PERIODS * self.leading_frames)
+        followed = [gain @ shape for shape in (*shapes, *stiff)]
+        return sum((square * each @ same @ each.T for square, each in zip(squares, followed, strict=True)), np.zeros((len(gain), len(gain))))
 
     @property
     def missed_m(self) -> float:
         """Root mean square of what is missed of a frame after the last force, or of all where too few are, at least the tracks' common error [m]."""
-        whole, known, least = self.whole, np.flatnonzero(self.whole.known), self.fit.evidence.motion.coherent_m
+        least = self.fit.evidence.motion.coherent_m
         if self.told_m is not None:
             return max(self.told_m, least)
-        left = self.solution.residual[: whole.seen.data[known].size].reshape(len(known), -1) * whole.sigma_m
-        free = known > np.flatnonzero(whole.allowed).max(initial=-1)
-        left = left[free] if free.sum() >= QUARTER * self.leading_frames else left
+        left = self.whole.missed(self.solution)[without_force(self.whole, self.fit.physics)] * self.whole.sigma_m
         return float(max(np.sqrt((left**2).sum(1).mean()), least))
 
     def _true(self, found: np.ndarray) -> np.ndarray:
-        """Covariance (3 F, 3 F) of forces as large as the one found: across the body as much as about each frame, in stiff ways the share of that."""
+        """Covariance (3 F, 3 F) of forces as large as the one found: at right angles to the body as much as about each frame, in stiff ways the share of that."""
         frames, stiff = np.flatnonzero(self.whole.allowed), self.whole.stiff
-        seen = beside(stiff.ways)
-        across = across_squared(self.force.reshape(-1, 3), frames, stiff.ways) + np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), seen)
-        return np.kron(together(across, frames), stiff.expected + seen / stiff.seen_ways)
+        errors = np.einsum("icid,cd->i", found.reshape(2 * [len(frames), 3]), beside(stiff.along))
+        across = across_squared(self.force.reshape(-1, 3), frames, stiff.along) + errors
+        return np.kron(together(across, frames), stiff.expected + beside(stiff.ways) / stiff.seen_ways)
 
     def by_physics(self, log10_young_sd: np.ndarray) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of independent combinations of stiffness and damping."""

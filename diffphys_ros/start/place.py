@@ -83,11 +83,6 @@ def leading_frames(problem: ForceProblem, physics: Physics) -> float:
     return 1 / (max(float(problem.modal.frequencies(physics.young)[0]), SLOWEST_HZ) * problem.period_s)
 
 
-def counts_once(problem: ForceProblem, physics: Physics, missed: float) -> float:
-    """A cost by which the log likelihood falls by half: what the best explanation misses of a frame, over sigma^2, in frames that miss the same."""
-    return max(QUARTER * leading_frames(problem, physics), 1.0) * max(missed, 1.0)
-
-
 def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
     return problem.solve_under(physics, footprint).cost
 
