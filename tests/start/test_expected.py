@@ -37,6 +37,14 @@ def test_a_force_along_a_short_bar_is_found_as_far_as_the_motion_tells_it_and_on
     assert abs(shares[0.0].mean()) < 0.05
 
 
+def test_tracks_make_no_more_of_a_force_along_than_the_scatter_that_is_stated(body: Body, modal: ModalModel) -> None:
+    doubts = [net_force_doubt(fit_of(body, modal, gust((0.0, 0.6, 0.8)), seed), np.full(2, 0.01)) for seed in SEEDS]
+    found = np.array([doubt.found[:, 0] for doubt in doubts])
+    stated = np.array([np.diag(doubt.scatter)[::3] for doubt in doubts])
+    ratio = np.sqrt((found**2).mean() / stated.mean())
+    assert 0.2 < ratio < 1, ratio  # errors of tracks are alike over a quarter period in films, not here
+
+
 def test_a_force_along_the_body_ends_with_the_one_across(body: Body, modal: ModalModel) -> None:
     true = gust((ALONG, 0.6, 0.8))
     for seed in SEEDS:
