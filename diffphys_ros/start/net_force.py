@@ -27,6 +27,7 @@ from .uncertainty import Bend
 
 MISSED_PERIODS = 0.1  # the same of what a frame misses, over the leading period: a quarter of one then counts once [derived: sqrt(2 pi) of it]
 UNLIKELY = 1e-4  # probability of a place below which it is left out [numerical]
+SMALL_N = 1e-300  # a force of nothing [numerical]
 DRAWS = 200  # pairs of opposite draws, of the largest force [numerical]
 FARTHEST = 0.3  # of ln E, or of the unit of another unknown, that a step of a difference may change [numerical]
 
@@ -52,13 +53,13 @@ class NetForceDoubt:
     def peak(self, published: np.ndarray) -> tuple[float, float]:
         """The largest size of the net force [N] and its standard deviation, where (F, 3) is published in the place of `found`.
 
-        Errors of the estimate make the largest of it too large, by as much as the same errors would make it larger again; what is not seen is not in it. Other places
+        Errors of the estimate make the largest of it too large, by the factor by which the same errors would make it larger again; what is not seen is not in it. Other places
         count in the deviation alone.
         """
         own = largest(published)
         by_error, by_unseen = (largest(published + self._drawn(each)) for each in (self.scatter, self.unseen))
         elsewhere = largest(published + self.elsewhere - self.found) - own
-        mean = own + (by_unseen.mean() - own) - (by_error.mean() - own)
+        mean = own * by_unseen.mean() / max(by_error.mean(), SMALL_N)
         return float(mean), float(np.sqrt(by_error.var() + by_unseen.var() + self.probability @ elsewhere**2))
 
     def _drawn(self, covariance: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from .free_tail import Physics
 
 WIND = 0.1  # probability of a uniform force from which on it is taken: of 46 choice clips winds had .13 or more, pushes that were found .08 or less [docs/how_sure.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
+USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
 SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/how_sure.md]
 EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
 NEARBY_SD = np.array([0.1, 0.1, 0.5])  # of centre, over the body's length, and log width about what was found: as far as the next places that are tried [derived]
@@ -24,13 +25,19 @@ FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends
 
 
 def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
-    """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that explains the motion best."""
+    """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that motion and usual widths make the likeliest."""
     places = [Footprint(), *problem.local_footprints]
     costs = np.array([_cost(problem, physics, each) for each in places])
     small = np.array([each.family == "uniform" or each.parameters[2] < TOUCH * problem.extent[2] for each in places])
     if probabilities(unlikely(problem, physics, costs[small]), before(int(small.sum())), 1.0)[0] > WIND:
         return Footprint()
-    return _nearby(problem, physics, places[1 + int(costs[1:].argmin())])
+    local = unlikely(problem, physics, costs[1:]) + [odd_width(problem, each) for each in places[1:]]
+    return _nearby(problem, physics, places[1 + int(local.argmin())])
+
+
+def odd_width(problem: ForceProblem, push: Footprint) -> float:
+    """Twice the negative log probability of a push's width before the motion is looked at; none of the usual one's."""
+    return float((np.log(push.parameters[2] / (USUAL * problem.extent[2])) / SPREAD) ** 2)
 
 
 def before(places: int) -> np.ndarray:
@@ -88,15 +95,17 @@ def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> floa
 
 
 def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:
-    """The best Gaussian footprint in the neighbourhood of one."""
+    """The likeliest Gaussian footprint in the neighbourhood of one."""
     low, high, length = problem.extent
 
-    def cost(p: np.ndarray) -> float:
-        inside = (p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST
-        return _cost(problem, physics, _gaussian(p)) if inside else np.inf
+    def improbable(p: np.ndarray) -> float:
+        if not ((p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST):
+            return np.inf
+        push = _gaussian(p)
+        return float(unlikely(problem, physics, np.array(_cost(problem, physics, push)))) + odd_width(problem, push)
 
     start = np.r_[begun.parameters[:2], np.log(begun.parameters[2])]
     simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])
     ends = {"maxiter": FOOTPRINT_STEPS, "xatol": FOOTPRINT_EXACT * length, "fatol": FOOTPRINT_EXACT}
-    found = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
+    found = minimize(improbable, start, method="Nelder-Mead", options={"initial_simplex": simplex, **ends}).x
     return _gaussian(found)

@@ -23,16 +23,16 @@ MISSED = 0.005  # of the motion, alike over a quarter period
 MODES = 4  # that are missed
 
 
-def pushed(body: Body, modal: ModalModel, seed: int) -> tuple[Fit, np.ndarray]:
+def pushed(body: Body, modal: ModalModel, seed: int, *, widths: tuple[float, float] = (0.08, 0.3), missed_share: float = MISSED) -> tuple[Fit, np.ndarray]:
     """The fit to a push whose place lies between those that are tried, and the true net force (T, 3)."""
     rng = np.random.default_rng(seed)
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
     low, high, length = whole.extent
-    there = Footprint("gaussian", np.r_[low + (high - low) * rng.uniform(0.25, 0.95, 2), rng.uniform(0.08, 0.3) * length])
+    there = Footprint("gaussian", np.r_[low + (high - low) * rng.uniform(0.25, 0.95, 2), rng.uniform(*widths) * length])
     load, turn = whole.footprint_load(there), rng.uniform(0, 2 * np.pi)
     force = gust((0.0, np.cos(turn), np.sin(turn))) * np.linalg.norm(whole.uniform_load) / np.linalg.norm(load)
     q = moved(modal, force, load)
-    missed = alike_errors(modal, rng, MODES) * MISSED * q[:, :MODES].std(0).max()
+    missed = alike_errors(modal, rng, MODES) * missed_share * q[:, :MODES].std(0).max()
     q[:, :MODES] += missed - missed[0]
     fit = true_fit(body, modal, tracks(modal, q, seed=seed))
     return replace(fit, footprint=place.best_footprint(fit.whole, PHYSICS)), force * whole.footprint_volume(there)
@@ -47,6 +47,13 @@ def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalMod
             off.append((peak - largest(true)) / sd)
     assert len(off) > 4
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
+
+
+def test_a_push_of_usual_width_is_not_found_the_wider_for_what_the_modes_miss(body: Body, modal: ModalModel) -> None:
+    fits = [pushed(body, modal, seed, widths=(0.08, 0.12))[0] for seed in range(10)]
+    widths = [fit.footprint.parameters[2] / fit.whole.extent[2] for fit in fits if fit.footprint.family != "uniform"]
+    assert len(widths) > 6
+    assert 0.08 < np.median(widths) < 0.125
 
 
 @pytest.mark.parametrize(("better", "family"), [("small", "gaussian"), ("wide", "uniform")])
