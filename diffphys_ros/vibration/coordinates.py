@@ -59,6 +59,11 @@ class Motion:
         beyond = _from_neighbours(_likeness(self.points, self.across), left, self.valid & self.known[:, None])
         return np.einsum("tk,mck->tmc", self.coordinates, self.shapes) + beyond
 
+    @property
+    def second_order(self) -> np.ndarray:
+        """What products of the coordinates were found to move the tracks that were not lost, with their noise [m], (T, M, 3)."""
+        return np.where(self.valid[..., None], self.displacement - self.first_order, 0.0)
+
     def seen_basis(self, modal: ModalModel) -> np.ndarray:
         """Modal basis at the points as it is observed, (M, 3, r)."""
         value = modal.evaluate(self.points)[0]
@@ -80,6 +85,7 @@ class Projection:
 
     data: np.ndarray  # [m], (T, d)
     operator: np.ndarray  # (d, r)
+    second_order: np.ndarray | None = None  # what was left out of the data [m], (T, d); None: not known
 
     @classmethod
     def of(cls, motion: Motion, modal: ModalModel) -> Projection:
@@ -103,8 +109,11 @@ class Projection:
         count = np.sqrt(len(motion.points))
         basis = motion.seen_basis(modal).reshape(-1, modal.modes) / count
         frame, _ = np.linalg.qr(basis)
-        moved = motion.first_order
-        return cls(moved.reshape(len(moved), -1) / count @ frame, frame.T @ basis)
+
+        def seen(moved: np.ndarray) -> np.ndarray:
+            return np.asarray(moved.reshape(len(moved), -1) / count @ frame)
+
+        return cls(seen(motion.first_order), frame.T @ basis, seen(motion.second_order))
 
 
 def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
