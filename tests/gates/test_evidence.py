@@ -35,4 +35,4 @@ def test_squared_colour_differences_alone_recover_the_strip_with_gaussians_that_
 
 
 def test_structural_similarity_alone_recovers_the_strip_though_its_light_fades(recovered: Recover) -> None:
-    check(recovered("fading", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "1000", "--fit.iterations", "4", *FEW_GAUSSIANS), PICTURE)
+    check(recovered("fading", TRACKS, "0", DEPTH, "0", "--experiment.ssim_weight", "1000", "--fit.iterations", "8", *FEW_GAUSSIANS), PICTURE)

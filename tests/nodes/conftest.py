@@ -20,7 +20,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 # A few iterations on a coarse grid; a count that is given makes the fit forget the clock.
 FEW = """
 fit: {iterations: 3}
-experiment: {cells: 2, max_splats: 300, per_cell: 2.0, splat_iterations: 3, refine_frames: 2}
+experiment: {cells: 2, max_splats: 300, per_cell: 2.0, splat_iterations: 6, refine_frames: 2}
 """
 
 FRAMES = 26  # of the half sample; its force ends with frame 10
