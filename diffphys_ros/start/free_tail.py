@@ -109,6 +109,14 @@ class Tail:
         """Misfit over what a frame may miss; at least 1."""
         return max(self.missed_m(physics) / self.sigma_m, 1.0)
 
+    def scatter(self, physics: Physics) -> float:
+        """The same of what is missed out of step with the modes, as noise of single frames is, which the modes' amplitudes take on in part; what is missed
+        in step is an error of shapes. No more than the whole excess; at least 1."""
+        frames, functions = self._fitted(physics)[0].shape
+        out_of_step = self.misfit(physics) - self.in_step(physics)
+        spare = max(frames - functions, 1)
+        return float(np.clip(np.sqrt((out_of_step**2).sum() / spare) / self.sigma_m, 1.0, self.excess(physics)))
+
     def leading_mode(self, young: np.ndarray) -> int:
         """The eigenmode at `young` whose shape holds most of the tail's motion, of those that swing: a body that nothing holds drifts as well."""
         omega2, shapes = self.modal.eigen(young)

@@ -16,7 +16,7 @@ from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import Densities
 from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.free_tail import DETUNED, START_RATIOS, Physics, Tail, physical
-from diffphys_ros.start.uncertainty import Bend, inconsistency, of_shapes
+from diffphys_ros.start.uncertainty import Bend, inconsistency, log10_young_sd, of_shapes
 from diffphys_ros.start.untold import Ratios, Untold
 from diffphys_ros.types import Body, Tracks
 from diffphys_ros.vibration.coordinates import observe
@@ -121,6 +121,31 @@ def test_what_is_missed_alike_in_all_frames_widens_more_than_what_is_missed_in_e
     (alike, missed), (anew, more) = of_young["alike"], of_young["anew"]
     assert missed < more  # stiffness takes on most of an error that is the same in all frames
     assert (alike / missed > 2 * anew / more).all()
+
+
+def test_errors_of_shapes_are_not_noise_as_well() -> None:
+    """Each point is seen off on its own: by 6 % of its motion, the same in all frames; and by as much anew in each frame."""
+    body, rng = bar(), np.random.default_rng(0)
+    seen = tracks(modes_of(body, YOUNG), motion(modes_of(body, YOUNG), YOUNG, gust()))
+    tail, _ = tail_of(body, seen)
+    swings, (frames, width) = tail.swings(tail.search(Physics(YOUNG, Damping(0.0, BETA), np.zeros(DETUNED)))[1]), tail.data.shape
+    alike = swings[:, :1] @ rng.normal(0.0, 0.06 / np.sqrt(width), (1, width))
+    anew = 3 * tail.sigma_m * rng.normal(0.0, 1 / np.sqrt(width), (frames, width))
+    scatter, sd = {}, {}
+    for name, error in (("none", 0.0), ("alike", alike), ("anew", anew)):
+        off = replace(tail)
+        object.__setattr__(off, "data", tail.data + error)
+        physics = off.search(Physics(YOUNG, Damping(0.0, BETA), np.zeros(DETUNED)))[1]
+        bend = Bend.of(off, physics)
+        scatter[name] = off.scatter(physics)
+        sd[name] = log10_young_sd(off, physics, bend, np.zeros(2), np.zeros(DETUNED))
+        assert 1 <= scatter[name] <= off.excess(physics)
+        assert name != "alike" or off.excess(physics) > 3
+    assert scatter["none"] == 1
+    assert scatter["alike"] < 1.2
+    assert scatter["anew"] == pytest.approx(3.0, rel=0.15)
+    np.testing.assert_allclose(sd["alike"], sd["none"], rtol=0.3)
+    assert (sd["anew"] > 1.5 * sd["none"]).all()
 
 
 def test_shapes_off_at_random_scatter_young_as_is_stated() -> None:
