@@ -55,7 +55,8 @@ install() {
     stop "pip install ${*: -1} failed; its whole output is in $log"
 }
 
-attempt() { "$venv/bin/python" -m pip --disable-pip-version-check install --constraint constraints.txt "$@" >>"$log" 2>&1; }
+# Modules are compiled when they are first imported: nearly half of an installation went into those that nobody imports.
+attempt() { "$venv/bin/python" -m pip --disable-pip-version-check install --no-compile --constraint constraints.txt "$@" >>"$log" 2>&1; }
 
 torch_version() { "$venv/bin/python" -c 'from importlib.metadata import version; print(version("torch"))' 2>/dev/null || true; }
 

@@ -20,11 +20,9 @@ import pytest
 from diffphys_ros import result
 from diffphys_ros.__main__ import main
 
-from .conftest import COARSE
-
 pytestmark = pytest.mark.faults
 FLAGS = (
-    *COARSE,
+    *("--experiment.cells", "2", "--experiment.per_cell", "1.5", "--experiment.refine_frames", "0"),
     *("--start_scale", "0.5", "--experiment.checkpoint_every_s", "0.1"),
     *("--experiment.splat_iterations", "3", "--experiment.max_splats", "100"),
 )
