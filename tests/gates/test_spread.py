@@ -1,6 +1,6 @@
 """The stated spread of the stiffness, from both sides, against what a person can work out of what was told about the clip.
 
-Thickness and mass are told exactly. The outline is known to a quarter of a pixel: E goes with its width to the -2 and its length to the 4. Of two
+Thickness and mass are told exactly. The outline is known to a tenth of a pixel: E goes with its width to the -2 and its length to the 4. Of two
 parts only the common mass is told, so that solids of unlike density would swing alike. And a modulus found on three cells over the
 thickness scatters from grid to grid.
 """
@@ -17,7 +17,7 @@ from diffphys_ros.msg_schemas import clouds
 
 from .conftest import Answer, Recover
 
-OUTLINE_PX = 0.25
+OUTLINE_PX = 0.1  # as parts at the clamp tell that were not chosen (docs/how_sure.md)
 GRIDS = 0.02  # of log10 E (docs/measurements/accuracy.md)
 DENSITY = 0.5  # of ln(density), between the parts of one object
 WITHIN = 1.5  # a factor on either side: half and twice the spread lie beyond
