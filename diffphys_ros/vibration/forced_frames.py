@@ -109,7 +109,8 @@ class Rows:
 
     def robust(self, start: int, moved: np.ndarray, noise_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
         """Matrix of the equations from `start` on without those of a force, the misfits (T-2,) of all under it, which were kept, their usual
-        misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n)."""
+        misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n). The few equations between those of a force, where it passes
+        zero, are its own: with them the recursion learns the force, until no equation stands out."""
         second = np.diff(moved, 2, axis=0)  # six times the noise variance; what the recursion has to explain
         floor = float(np.hypot(COMMON_SHARE * noise_m * np.sqrt(SECOND_NOISE), CURVED_SHARE * np.sqrt((second**2).mean())))
         keep = self.usable & (np.arange(len(self.target)) >= start)
@@ -117,7 +118,7 @@ class Rows:
             matrix = self.fit(keep)
             misfit = self.misfit(matrix)
             sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
-            keep = self.usable & (misfit < FORCED_SIGMA * sigma)
+            keep = self.usable & ~bridged(self.usable & (misfit >= FORCED_SIGMA * sigma))
         return matrix, misfit, keep, sigma, floor
 
     def centre(self, matrix: np.ndarray) -> np.ndarray:

@@ -41,6 +41,20 @@ def test_forced_frames_are_found_within_one_frame(first, last, seed):
     assert len(found) == found[-1] - found[0] + 1
 
 
+@pytest.mark.parametrize(("halves", "peak", "noise"), [(3, 0.9, 3e-5), (4, 0.6, 3e-5), (4, 1.5, 6e-5)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_force_that_swings_to_and_fro_is_not_taken_for_free_motion(halves, peak, noise, seed):
+    """Half sines: where the force passes zero its equations look free, and a recursion that is fitted to them learns the force."""
+    force = np.zeros((FRAMES, 2))
+    force[3:25] = peak * np.sin(halves * np.pi * (np.arange(22) + 0.5) / 22)[:, None] * (1.0, 0.7)
+    support = find_support(swings(force, noise=noise, seed=seed), KNOWN, PERIOD_S, at_rest=True, noise_m=noise)
+    found = np.flatnonzero(support.forced)
+    assert support.has_free_tail
+    assert abs(found[0] - 3) <= 2
+    assert abs(found[-1] - 24) <= 2
+    assert len(found) == found[-1] - found[0] + 1
+
+
 def test_frequencies_and_decays_are_read_off_the_tail():
     support = find_support(swings(pulse(3, 10), noise=5e-6), KNOWN, PERIOD_S, at_rest=True, noise_m=1e-5)
     assert support.has_free_tail
