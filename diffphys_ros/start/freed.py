@@ -3,6 +3,7 @@ swells passes for pushed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,24 +11,41 @@ import numpy as np
 from ..config import Settings
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
-from ..vibration.forced_frames import least_tail_frames
+from ..vibration.forced_frames import Support, least_tail_frames, runs
 from .second_reading import fit_at
 from .values import LEAST_SD, one_swing_hz, values_under, widened
 
 UNSEEN = "the motion alone does not show where its free part begins"
+FAINT = 0.3  # of the largest force: what ends a clip with no more may be what the modes miss of a large swing [chosen]
 
 
 def freed_values(
     body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera
 ) -> tuple[StartValues, ModalModel] | None:
-    """Start values by the frames after the last force of a joint fit, to LEAST_SD of log10 E at best, and their modes; None where that tells no stiffness, where those
-    frames are too few, or where free modes do not explain them. Arguments as for joint_values, whose result `start` is."""
+    """Start values by the frames after the last force of a joint fit, faint ones at its end left out where need be, to LEAST_SD of log10 E at best, and their modes; None where
+    that tells no stiffness, where those frames are too few, or where free modes do not explain them. Arguments as for joint_values, whose result `start` is."""
     if start.has_free_tail or not start.identified.any() or tracks.normals is not None:
         return None
     fit = fit_at(body, tracks, period_s, settings, start, modal, camera=camera, first_order=False)
     hz = modal.frequencies(start.young)[[fit.tail.leading_mode(start.young)]]
     support = replace(fit.support, has_free_tail=True, frequencies_hz=hz, decay_per_s=start.damping.decay((2 * np.pi * hz) ** 2))
-    if len(start.forced) - support.tail_start < least_tail_frames(max(float(hz[0]), one_swing_hz(fit.evidence)), period_s):
-        return None
-    found, modes = values_under(replace(fit.evidence, belief=None), support)
-    return (widened(found, LEAST_SD, UNSEEN), modes) if found.modes_hold and found.identified.any() else None
+    needed = least_tail_frames(max(float(hz[0]), one_swing_hz(fit.evidence)), period_s)
+    evidence = replace(fit.evidence, belief=None)
+    for each in _without_faint(support, np.linalg.norm(start.force, axis=1)):
+        if len(each.forced) - each.tail_start < needed:
+            continue
+        found, modes = values_under(evidence, each)
+        if found.modes_hold and found.identified.any():
+            return widened(found, LEAST_SD, UNSEEN), modes
+    return None
+
+
+def _without_faint(support: Support, size: np.ndarray) -> Iterator[Support]:
+    """The same support, and those without its last runs of forced frames one by one, as long as their forces, of amplitudes `size` (T,), are faint."""
+    yield support
+    forced = support.forced.copy()
+    for first, last in reversed(runs(support.forced)):
+        if size[first : last + 1].max() > FAINT * size.max():
+            return
+        forced[first : last + 1] = False
+        yield replace(support, forced=forced.copy())

@@ -169,7 +169,7 @@ def _glitches(forced_rows: np.ndarray, residual: np.ndarray, usable: np.ndarray)
     """Short runs whose residuals change sign from row to row: a frame that was seen wrongly, not pushed. A run beside a lost frame may be
     the rest of a longer one."""
     found = np.zeros_like(forced_rows)
-    for first, last in _runs(forced_rows):
+    for first, last in runs(forced_rows):
         run = residual[first : last + 1]
         if usable[max(first - 1, 0) : last + 2].all() and len(run) <= GLITCH_ROWS and ((run[1:] * run[:-1]).sum(1) < 0).all():
             found[first : last + 1] = True
@@ -180,7 +180,7 @@ def _followed(strong: np.ndarray, faint: np.ndarray, usable: np.ndarray) -> np.n
     """The runs of `faint` equations that hold at least two strong ones in a row. Equations with a lost frame say nothing: runs go on
     through them, and what they hide beside a force may be one."""
     grown = np.zeros_like(strong)
-    for first, last in _runs(strong | faint | ~usable):
+    for first, last in runs(strong | faint | ~usable):
         told = strong[first : last + 1][usable[first : last + 1]]
         if (told[:-1] & told[1:]).any():
             grown[first : last + 1] = True
@@ -191,7 +191,7 @@ def _frames(forced_rows: np.ndarray, frames: int) -> np.ndarray:
     """Frames that carry a force. Equation k holds the force of frames k and k + 1, so a run of equations a..b tells of a
     force in a + 1 .. b; a run of one tells of an outlier."""
     forced = np.zeros(frames, bool)
-    for first, last in _runs(forced_rows):
+    for first, last in runs(forced_rows):
         forced[first + 1 : last + 1] = True
     return bridged(forced)
 
@@ -199,13 +199,13 @@ def _frames(forced_rows: np.ndarray, frames: int) -> np.ndarray:
 def bridged(forced: np.ndarray) -> np.ndarray:
     """The same frames (T,) and the few between them in which a force passes zero."""
     filled = forced.copy()
-    for (_, end), (begin, _) in pairwise(_runs(forced)):
+    for (_, end), (begin, _) in pairwise(runs(forced)):
         if begin - end - 1 <= BRIDGE:
             filled[end:begin] = True
     return filled
 
 
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     """First and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
