@@ -112,10 +112,10 @@ class Tail:
     def scatter(self, physics: Physics) -> float:
         """The same of what is missed out of step with the modes, as noise of single frames is, which the modes' amplitudes take on in part; what is missed
         in step is an error of shapes. No more than the whole excess; at least 1."""
-        frames, functions = self._fitted(physics)[0].shape
-        out_of_step = self.misfit(physics) - self.in_step(physics)
-        spare = max(frames - functions, 1)
-        return float(np.clip(np.sqrt((out_of_step**2).sum() / spare) / self.sigma_m, 1.0, self.excess(physics)))
+        clock, missed = self._missed(physics)
+        frames, functions = clock.shape
+        noise_m = np.sqrt(((missed - _in_time_with(clock, missed)) ** 2).sum() / max(frames - functions, 1))
+        return float(np.clip(noise_m / self.sigma_m, 1.0, self.excess(physics)))
 
     def leading_mode(self, young: np.ndarray) -> int:
         """The eigenmode at `young` whose shape holds most of the tail's motion, of those that swing: a body that nothing holds drifts as well."""
@@ -136,8 +136,7 @@ class Tail:
 
     def misfit(self, physics: Physics) -> np.ndarray:
         """Observed minus modelled tail [m], (K, d), with the best amplitudes."""
-        clock, place, amplitude = self._fitted(physics)
-        return self.data - (clock * amplitude) @ place.T
+        return self._missed(physics)[1]
 
     def swings(self, physics: Physics) -> np.ndarray:
         """The fitted motion of each mode over time, root mean square over the points [m], (K, k)."""
@@ -147,8 +146,7 @@ class Tail:
 
     def in_step(self, physics: Physics) -> np.ndarray:
         """What is missed in time with the modes [m], (K, d): errors of their shapes leave it, noise of single frames little."""
-        clock = np.linalg.qr(self._fitted(physics)[0])[0]
-        return np.asarray(clock @ (clock.T @ self.misfit(physics)))
+        return _in_time_with(*self._missed(physics))
 
     def smooth(self, physics: Physics, count: int) -> np.ndarray:
         """An orthonormal basis (d, m) of the shapes of the `count` leading modes as the tracks see them."""
@@ -168,6 +166,11 @@ class Tail:
         by_amplitude = _least_squares(_normal(clock, place), right.T).T
         changes = -moved - (clock * by_amplitude[:, None]) @ place.T
         return changes.reshape(len(changes), -1).T / self.sigma_m
+
+    def _missed(self, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
+        """The functions of time (K, c k), and what they miss with the best amplitudes [m], (K, d)."""
+        clock, place, amplitude = self._fitted(physics)
+        return clock, self.data - (clock * amplitude) @ place.T
 
     def _fitted(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Functions of time (K, c k), shapes (d, c k) and the best amplitudes (c k,) of c functions for each of k modes."""
@@ -281,6 +284,12 @@ class Tail:
         likelihood = np.exp([(best[0] - cost) / self.excess(best[1]) ** 2 for cost, _ in found])
         apart = np.log10([physics.young / best[1].young for _, physics in found])
         return np.sqrt(likelihood @ apart**2 / likelihood.sum())
+
+
+def _in_time_with(clock: np.ndarray, missed: np.ndarray) -> np.ndarray:
+    """What of `missed` (K, d) the functions of time (K, c) explain with any amplitudes."""
+    own = np.linalg.qr(clock)[0]
+    return np.asarray(own @ (own.T @ missed))
 
 
 def _normal(clock: np.ndarray, place: np.ndarray) -> np.ndarray:

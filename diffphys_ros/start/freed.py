@@ -43,9 +43,7 @@ def freed_values(
 def _without_faint(support: Support, size: np.ndarray) -> Iterator[Support]:
     """The same support, and those without its last runs of forced frames one by one, as long as their forces, of amplitudes `size` (T,), are faint."""
     yield support
-    forced = support.forced.copy()
     for first, last in reversed(runs(support.forced)):
         if size[first : last + 1].max() > FAINT * size.max():
             return
-        forced[first : last + 1] = False
-        yield replace(support, forced=forced.copy())
+        yield replace(support, forced=support.forced & (np.arange(len(size)) < first))

@@ -25,9 +25,10 @@ OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 
 
 
 def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (coherent error in every frame, as large as what is missed
-    out of step with the modes: what is missed in step is theirs, see of_shapes; model error in every mode's frequency; priors), widened where the frequencies, off by `detune` (k,), fit each other worse than is allowed for,
-    and that of outline and densities; OPEN_SD where a tail that the modes do not explain leaves more open than that."""
+    """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (noise common to all points of a frame, as large as what is
+    missed out of step with the modes, for what is missed in step is of_shapes; model error in every mode's frequency; priors), widened where the
+    frequencies, off by `detune` (k,), fit each other worse than is allowed for, and that of outline and densities; OPEN_SD where a tail that the modes do
+    not explain leaves more open than that."""
     parts = len(physics.young)
     scatter = tail.scatter(physics) if tail.detuned else tail.excess(physics)
     covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * scatter**2 + bend.prior.T @ bend.prior) @ bend.inverse
