@@ -146,6 +146,20 @@ def test_errors_of_shapes_are_not_noise_as_well() -> None:
     assert (sd["anew"] > 1.5 * sd["none"]).all()
 
 
+def test_where_modes_are_held_to_the_model_all_that_is_missed_counts_as_noise() -> None:
+    """As of an outline, which shows one mode well: the leading mode is seen 6 % off in directions drawn at random, the same in all frames."""
+    body, rng = bar(), np.random.default_rng(0)
+    tail, _ = tail_of(body, tracks(modes_of(body, YOUNG), motion(modes_of(body, YOUNG), YOUNG, gust())))
+    held, off = replace(tail, detuned=0), replace(tail, detuned=0)
+    swings, width = held.swings(Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))), held.data.shape[1]
+    object.__setattr__(off, "data", held.data + swings[:, :1] @ rng.normal(0.0, 0.06 / np.sqrt(width), (1, width)))
+    sd = []
+    for each in (held, off):
+        physics = each.search(Physics(YOUNG, Damping(0.0, BETA), np.zeros(0)))[1]
+        sd.append(log10_young_sd(each, physics, Bend.of(each, physics), np.zeros(2), np.zeros(0)))
+    assert (sd[1] > 2 * sd[0]).all()
+
+
 def test_shapes_off_at_random_scatter_young_as_is_stated() -> None:
     """Each mode is seen 2 % off in directions drawn at random, the same in all frames."""
     body = bar()
