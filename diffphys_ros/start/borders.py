@@ -20,12 +20,12 @@ from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Evidence
-from .free_tail import DETUNED, RATIO_SD, Physics, Tail
+from .free_tail import DETUNED, Physics, Tail
 from .second_reading import support_of
 from .uncertainty import OPEN_SD, Bend
 from .untold import TOLD, Untold
 from .values import start_values, widened
-from .zone_layout import Division, path_length
+from .zone_layout import HIDDEN_SD, Division, path_length
 
 # errors of the model are the same in all frames, so that frames do not count one by one: the misfit itself must fall
 LEAST_FALL = 0.8  # of the misfit by a border, over what is left: up to .6 on 58 of 60 bodies of one material, .8 and more with a border that was found [docs/limits.md]
@@ -250,7 +250,7 @@ class Scan:
     def hidden_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by a border anywhere, of the usual contrast, that leaves the leading frequency as it is."""
         beyond = np.array([each.cut.label == each.cut.divided + 1 for each in self.tried], float)
-        return self._in_parts(RATIO_SD**2 * ((beyond - (beyond @ self.share)[:, None]) ** 2).mean(0))
+        return self._in_parts(HIDDEN_SD**2 * ((beyond - (beyond @ self.share)[:, None]) ** 2).mean(0))
 
     def _in_parts(self, square: np.ndarray) -> np.ndarray:
         """Means over each part, (n,), of what zones have, (K,)."""

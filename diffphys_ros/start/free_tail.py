@@ -21,7 +21,7 @@ from .untold import TOLD, Untold
 
 MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it [chosen]
 FREQUENCY_SD = 0.006  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode; with .01 told parts at the clamp lay .45 of their stated deviations off [docs/how_sure.md]
-RATIO_SD = 0.5 * np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts (natural logarithm) [chosen]
+RATIO_SD = np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts: half of it drew stiff outer parts to their neighbours [docs/how_sure.md]
 MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate [chosen]
 MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [1/s], [s] [chosen]
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)  # of E between parts, at which searches begin [numerical]
@@ -109,13 +109,13 @@ class Tail:
         """Misfit over what a frame may miss; at least 1."""
         return max(self.missed_m(physics) / self.sigma_m, 1.0)
 
-    def scatter(self, physics: Physics) -> float:
-        """The same of what is missed out of step with the modes, as noise of single frames is, which the modes' amplitudes take on in part; what is missed
-        in step is an error of shapes. No more than the whole excess; at least 1."""
+    def noise(self, physics: Physics) -> np.ndarray:
+        """Covariance (d, d) of what a frame misses out of step with the modes, over sigma^2: noise of single frames, which the modes' amplitudes take on in
+        part; what is missed in step is an error of shapes. As if one frame more had missed sigma in every direction: a short tail tells little of its noise."""
         clock, missed = self._missed(physics)
         frames, functions = clock.shape
-        noise_m = np.sqrt(((missed - _in_time_with(clock, missed)) ** 2).sum() / max(frames - functions, 1))
-        return float(np.clip(noise_m / self.sigma_m, 1.0, self.excess(physics)))
+        out = (missed - _in_time_with(clock, missed)) / self.sigma_m
+        return (out.T @ out + np.eye(out.shape[1])) / (max(frames - functions, 0) + 1)
 
     def leading_mode(self, young: np.ndarray) -> int:
         """The eigenmode at `young` whose shape holds most of the tail's motion, of those that swing: a body that nothing holds drifts as well."""

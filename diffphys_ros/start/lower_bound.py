@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .free_tail import RATIO_SD, Physics, Tail
+from .uncertainty import spread_over_curvature
 
 SURE = 1.645  # standard deviations: one-sided, 95 % [derived: the normal distribution]
 STIFFER = (0.25, 0.75, 1.5)  # log10 of what a part may be stiffer by than fitted: the best misfit may lie there [numerical]
@@ -30,9 +31,9 @@ def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, wanted: 
     """
     fitted = np.log10(physics.young)
     found = np.full(len(fitted), np.nan)
-    most = (SURE * tail.excess(physics)) ** 2
+    most = (SURE * spread_over_curvature(tail, physics)) ** 2
     for part in np.flatnonzero(wanted):
-        distance = softest(_profile(tail, physics, int(part)), most)
+        distance = softest(_profile(tail, physics, int(part)), float(most[part]))
         found[part] = 10 ** (fitted[part] - np.hypot(distance, SURE * geometry_sd[part]))
     return found
 

@@ -25,17 +25,32 @@ OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 
 
 
 def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.ndarray, detune: np.ndarray) -> np.ndarray:
-    """Standard deviation of log10 E per part, (n,): Gauss-Newton covariance of the tail fit (noise common to all points of a frame, as large as what is
-    missed out of step with the modes, for what is missed in step is of_shapes; model error in every mode's frequency; priors), widened where the
-    frequencies, off by `detune` (k,), fit each other worse than is allowed for, and that of outline and densities; OPEN_SD where a tail that the modes do
-    not explain leaves more open than that."""
-    parts = len(physics.young)
-    scatter = tail.scatter(physics) if tail.detuned else tail.excess(physics)
-    covariance = bend.inverse @ (bend.jacobian.T @ bend.jacobian * scatter**2 + bend.prior.T @ bend.prior) @ bend.inverse
-    variance = np.diag(covariance)[:parts]
-    variance = np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
-    fit_sd = contradiction(bend, detune) * np.sqrt(variance) / np.log(10.0)
+    """Standard deviation of log10 E per part, (n,): covariance of the tail fit (noise of each frame, in every direction as large as what is missed there out
+    of step with the modes, for what is missed in step is of_shapes, or, where modes are held to the model, as all that is missed; model error in every mode's
+    frequency; priors), widened where the frequencies, off by `detune` (k,), fit each other worse than is allowed for, and that of outline and densities;
+    OPEN_SD where a tail that the modes do not explain leaves more open than that."""
+    fit_sd = contradiction(bend, detune) * np.sqrt(_fit_variance(tail, physics, bend)) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
+
+
+def spread_over_curvature(tail: Tail, physics: Physics) -> np.ndarray:
+    """Standard deviation of log E per part by noise of the frames, priors and shapes of the modes, over the one that the curvature of the misfit alone
+    would make it, (n,): what a misfit that rises by one standard deviation squared is worth. The whole excess where modes are held to the model."""
+    if not tail.detuned:
+        return np.full(len(physics.young), tail.excess(physics))
+    bend = Bend.of(tail, physics)
+    variance = _fit_variance(tail, physics, bend) + (np.log(10.0) * of_shapes(tail, physics, bend)) ** 2
+    return np.asarray(np.sqrt(variance / np.diag(bend.inverse)[: len(physics.young)]))
+
+
+def _fit_variance(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
+    """Variance of log E per part, (n,), by noise of the frames and priors."""
+    width = tail.data.shape[1]
+    noise = tail.noise(physics) if tail.detuned else tail.excess(physics) ** 2 * np.eye(width)
+    noisy = (np.linalg.cholesky(noise).T @ bend.jacobian.reshape(-1, width, len(bend.inverse))).reshape(bend.jacobian.shape)
+    covariance = bend.inverse @ (noisy.T @ noisy + bend.prior.T @ bend.prior) @ bend.inverse
+    variance = np.diag(covariance)[: len(physics.young)]
+    return np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
 
 
 def contradiction(bend: Bend, detune: np.ndarray) -> float:

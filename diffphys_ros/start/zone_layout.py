@@ -13,6 +13,7 @@ from ..ways import STEPS, shifted_pairs, way_lengths
 
 MOST_STEPS = 12  # from the clamp to the farthest end; a limb that branches has its own zones in each branch [numerical]
 SLENDER = 0.5  # least length of a step over the limbs' width or thickness, whichever is less: shorter ones do not bend on their own [chosen]
+HIDDEN_SD = 0.5 * np.log(10.0)  # standard deviation of the log ratio of E at a border that nothing drawn shows: such materials look alike [chosen]
 LEAST_SHARE = 0.3  # of a step's mean area that a zone of its own must have [chosen]
 
 

@@ -31,7 +31,7 @@ from .place import best_footprint
 from .stages import SETTLED, Fit
 from .uncertainty import outline_sd
 from .values import ALARM_NOISE, GUESS_SD, WIDEST_SD, values_of
-from .zone_layout import Division
+from .zone_layout import HIDDEN_SD, Division
 
 if TYPE_CHECKING:
     from ..elements.assemble import Elements
@@ -226,7 +226,7 @@ class _ZoneFit:
 
 def _loosened(difference: np.ndarray, border: int) -> np.ndarray:
     """The Cauchy prior at the scale of the end, but one border (-1: none) as if two materials met there."""
-    return np.where(np.arange(len(difference)) == border, difference / RATIO_SD, cauchy(difference, LEVELS[-1]))
+    return np.where(np.arange(len(difference)) == border, difference / HIDDEN_SD, cauchy(difference, LEVELS[-1]))
 
 
 def cauchy(difference: np.ndarray, scale: float) -> np.ndarray:
