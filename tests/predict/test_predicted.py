@@ -115,7 +115,7 @@ def test_a_prediction_that_leaves_the_grid_is_a_note(found: Found, monkeypatch: 
 
 def test_a_truth_of_more_frames_scores_it_and_the_summary_has_a_column(found: Found, tmp_path: Path) -> None:
     scored = score_folder(found.saved(tmp_path), sample_folder() / "truth.npz")
-    assert abs(scored["young_log10_error"][0]) < 0.05  # type: ignore[index]
+    assert abs(scored["young_log10_error"][0]) < found.recovery.log10_young_sd.max() < 0.15  # type: ignore[index]
     assert scored["trajectory_rmse_over_rms_motion"] < 0.1  # type: ignore[operator]
     assert figures_of(tmp_path)[PREDICTED] == found.recovery.metrics["prediction"]["over_rms_motion"]  # type: ignore[index]
 
