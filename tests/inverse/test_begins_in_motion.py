@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from diffphys_ros.inverse import problem
 from diffphys_ros.inverse.placement import at_rest, in_body_pose, offset_of_first, shown_at_rest
 from diffphys_ros.inverse.prepare import _by_points
 from diffphys_ros.progress import finished
@@ -71,6 +74,18 @@ def test_places_in_frame_0_and_on_the_body_follow_from_each_other(away: Clip) ->
     back = in_body_pose(held.tracks, inner + offset_of_first(held.tracks, inner))
     assert np.abs(back - inner).max() < 2e-3
     assert np.abs(in_body_pose(held.tracks, first) - held.tracks.points[0]).max() < 1e-3
+
+
+def test_gaussians_are_bound_where_their_places_are_in_the_pose_that_was_built(away: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    held, _, _, body = finished(_by_points(away, bar_settings()))
+    inner = body.to_world(body.front.points[:: len(body.front.points) // 50])
+    first, bound = inner + offset_of_first(held.tracks, inner), []
+    monkeypatch.setattr(problem.CarriedGaussians, "of", lambda *_, places, **__: bound.append(places))
+    prepared = SimpleNamespace(clip=held.clip, tracks=held.tracks, body=body)
+    disc = SimpleNamespace(particles=SimpleNamespace(x_rest=body.front.points))
+    problem._renderer(prepared, disc, SimpleNamespace(mean=first), held.clip.frames[0], 0, "cpu")
+    assert np.abs(first - inner).max() > 0.02
+    assert np.abs(bound[0] - inner).max() < 2e-3
 
 
 def test_a_body_of_frame_0_is_where_it_is() -> None:

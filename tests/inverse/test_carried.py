@@ -55,6 +55,14 @@ def test_the_motion_for_a_fit_leads_to_where_the_gaussians_are_drawn(carried, tr
     np.testing.assert_allclose(turn, rotation[0], atol=1e-6)  # those of the sheet stand upright in frame 0
 
 
+def test_gaussians_turn_as_the_particles_that_carry_them_are_turned(carried, trajectory):
+    x0 = torch.as_tensor(trajectory[0], dtype=torch.float32)
+    turn = torch.as_tensor(Rotation.from_rotvec([0.2, 0.5, -0.3]).as_matrix(), dtype=torch.float32)
+    _, rotation = carried.moved((x0 @ turn.T)[None], x0, turn.expand(1, len(x0), 3, 3))
+    before, after = (Rotation.from_quat(q[:, [1, 2, 3, 0]].numpy()) for q in (carried.rotation, rotation[0]))
+    np.testing.assert_allclose(after.as_matrix(), turn.numpy() @ before.as_matrix(), atol=1e-5)
+
+
 def test_the_motion_of_other_gaussians_is_refused(carried, trajectory):
     with pytest.raises(AssertionError, match="other Gaussians"):
         carried.motion(trajectory[4], trajectory[0])(carried.mean + 0.01)
