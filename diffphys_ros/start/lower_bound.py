@@ -33,7 +33,7 @@ def lower_bounds(tail: Tail, physics: Physics, geometry_sd: np.ndarray, wanted: 
     found = np.full(len(fitted), np.nan)
     most = (SURE * spread_over_curvature(tail, physics)) ** 2
     for part in np.flatnonzero(wanted):
-        distance = softest(_profile(tail, physics, int(part)), float(most[part]))
+        distance = softest(_profile(tail, physics, int(part)), most[part])
         found[part] = 10 ** (fitted[part] - np.hypot(distance, SURE * geometry_sd[part]))
     return found
 

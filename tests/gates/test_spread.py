@@ -20,7 +20,7 @@ from .conftest import Answer, Recover
 OUTLINE_PX = 0.1  # as parts at the clamp tell that were not chosen (docs/how_sure.md)
 GRIDS = 0.02  # of log10 E (docs/measurements/accuracy.md)
 DENSITY = 0.5  # of ln(density), between the parts of one object
-LEAST, MOST = 1 / 1.6, 1.35  # factors: half and twice the spread lie beyond
+LEAST, MOST = 1 / 1.6, 1.2  # factors: half and twice the spread lie beyond
 
 
 @pytest.mark.parametrize("kind", ["strip", "bar"])

@@ -16,7 +16,7 @@ from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import Densities
 from diffphys_ros.start.evidence import Evidence
 from diffphys_ros.start.free_tail import DETUNED, FREQUENCY_SD, START_RATIOS, Physics, Tail, physical
-from diffphys_ros.start.uncertainty import UNSEEN_SD, Bend, contradiction, inconsistency, log10_young_sd, of_shapes
+from diffphys_ros.start.uncertainty import UNSEEN_SD, Bend, contradiction, inconsistency, log10_young_sd, of_shapes, spread_over_curvature
 from diffphys_ros.start.untold import Ratios, Untold
 from diffphys_ros.types import Body, Tracks
 from diffphys_ros.vibration.coordinates import observe
@@ -195,6 +195,7 @@ def test_where_modes_are_held_to_the_model_all_that_is_missed_counts_as_noise() 
     for each in (held, off):
         physics = each.search(Physics(YOUNG, Damping(0.0, BETA), np.zeros(0)))[1]
         sd.append(log10_young_sd(each, physics, Bend.of(each, physics), np.zeros(2), np.zeros(0)))
+        np.testing.assert_allclose(spread_over_curvature(each, physics), each.excess(physics))
     assert (sd[1] > 2 * sd[0]).all()
 
 
