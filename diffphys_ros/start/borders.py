@@ -1,8 +1,9 @@
 """A border of two materials that look alike, where stiffness shows it: two moduli explain the free motion that one does not.
 
 The body is cut into zones along its limbs; each of the cuts between them is tried as the border, with a modulus on either side. The modes of
-the cut body follow from one basis, so that a cut costs a fit of the free frames and no finite elements. Where the border lies, and how surely,
-follows from the misfits of neighbouring cuts.
+the cut body follow from one basis, so that a cut costs a fit of the free frames and no finite elements. What speaks for a border is the evidence
+(MacKay 1992): how much better it explains the motion, over noise and over the errors of the model, less what its freedom buys. Where the border
+lies, and how surely, follows from the misfits of neighbouring cuts.
 """
 
 from __future__ import annotations
@@ -15,22 +16,23 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..config import Settings
+from ..linear_systems import inverted
 from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Evidence
-from .free_tail import DETUNED, Physics, Tail
+from .free_tail import DETUNED, FREQUENCY_SD, RATIO_SD, Physics, Tail
 from .second_reading import support_of
-from .uncertainty import OPEN_SD, Bend
+from .tail_errors import TailErrors
+from .uncertainty import LEADING, OPEN_SD, UNSEEN_SD, inconsistency
 from .untold import TOLD, Untold
 from .values import start_values, widened
 from .zone_layout import HIDDEN_SD, Division, path_length
 
-# errors of the model are the same in all frames, so that frames do not count one by one: the misfit itself must fall
-LEAST_FALL = 0.8  # of the misfit by a border, over what is left: up to .6 on 58 of 60 bodies of one material, .8 and more with a border that was found [docs/limits.md]
-DOUBTFUL_FALL = 0.3  # of the same, from which on one is not ruled out either: up to .24 on 53 of 60 bodies of one material; .4 to .7 on six with a border that was not found [docs/limits.md]
-MOST_LEFT = 2.0  # of a frame's misfit over what it may be, with such a border: up to 1.7 on those six; what misses more for other reasons is no sign of one [docs/limits.md]
+LEAST_EVIDENCE = 12.0  # for a border, a logarithm: up to 10 on 38 bodies of one material, 17 and more on 28 of 34 with a border [docs/limits.md]
+DOUBTFUL_EVIDENCE = 3.0  # of the same, from which on one is not ruled out either: as if one body in twenty had a border that does not show [docs/limits.md]
+ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
 RUNS_OFF = 1.0  # standard deviation of log10 E beyond a border, from which on it is the mass there that shows, not a stiffness: up to .6 with 22 borders, 1.4 and 2.0 with two that lay far off [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
@@ -84,14 +86,23 @@ class Tried:
     cut: Cut
     chi2: float  # misfit and priors
     physics: Physics
-    variance: np.ndarray  # of ln E of each part, (n,)
-    frames: int  # that were fitted
+    curvature: np.ndarray  # of half of chi2 by Physics.vector(), (S, S)
 
     @classmethod
     def best(cls, tail: Tail, cut: Cut, starts: Iterable[Physics]) -> Tried:
         """Of the searches from some starts."""
         cost, physics = min((tail.search(start) for start in starts), key=lambda pair: pair[0])
-        return cls(cut, 2 * cost, physics, np.diag(Bend.of(tail, physics).inverse)[: len(physics.young)], len(tail.data))
+        return cls(cut, 2 * cost, physics, tail.curvature(physics))
+
+    @property
+    def log_curvature(self) -> float:
+        """Logarithm of its determinant."""
+        return float(np.linalg.slogdet(self.curvature)[1])
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Of ln E of each part, (n,)."""
+        return np.asarray(np.diag(inverted(self.curvature))[: len(self.physics.young)])
 
 
 @dataclass(frozen=True)
@@ -161,7 +172,22 @@ class Zones:
         """The fits with every cut, and without."""
         uncut = self.fitted()
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
-        return Scan(self.volume, uncut, tried, self._share(uncut))
+        if not tried:
+            return Scan(self.volume, uncut, tried, self._share(uncut), 1.0)
+        errors = self.errors(min(tried, key=lambda each: each.chi2))
+        weighed = [Tried.best(replace(self.tail(each.cut.label), weighed=errors.whitened), each.cut, [each.physics]) for each in (uncut, *tried)]
+        best = min(weighed[1:], key=lambda each: each.chi2)
+        contradicted = inconsistency(best.physics.detune / FREQUENCY_SD, np.diag(inverted(best.curvature))[len(best.curvature) - len(best.physics.detune) :])
+        return Scan(self.volume, weighed[0], weighed[1:], self._share(uncut), max(best.chi2 / len(errors.along), contradicted**2))
+
+    def errors(self, likely: Tried) -> TailErrors:
+        """What a fit may miss if a likely one is right: noise as it leaves, shapes as of a fit that misses nothing, and moduli of single zones."""
+        tail, physics, label = self.tail(likely.cut.label), likely.physics, likely.cut.label
+        by_zone = replace(physics, young=physics.young[label], density=None if physics.density is None else physics.density[label])
+        directions = tail.smooth(physics, LEADING)
+        shapes = np.kron(tail.swings(physics), directions) * (UNSEEN_SD / np.sqrt(directions.shape[1]) / tail.sigma_m)
+        zones = self.tail(np.arange(len(label))).slope(by_zone)[:, : len(label)] * ZONE_SD
+        return TailErrors.of(tail.noise(physics), np.hstack([shapes, zones]))
 
     def _share(self, uncut: Tried) -> np.ndarray:
         """Of each zone of the elastic energy of the mode that holds most of the motion, (K,)."""
@@ -209,6 +235,7 @@ class Scan:
     uncut: Tried
     tried: list[Tried]
     share: np.ndarray  # of each zone of what the leading mode strains, (K,)
+    scale: float  # of all misfits: what the best cut misses, or its frequencies, over what they may
 
     @property
     def best(self) -> Tried:
@@ -216,16 +243,22 @@ class Scan:
         return min(self.tried, key=lambda each: each.chi2, default=self.uncut)
 
     @property
-    def fall(self) -> float:
-        """By how much a border lowers the misfit, over what is left, or over what is expected where that is more."""
-        return (self.uncut.chi2 - self.best.chi2) / max(self.best.chi2, self.uncut.frames)
+    def evidence(self) -> float:
+        """For one more border, anywhere, against none: logarithm of the ratio of their probabilities where both were as likely before."""
+        return float(np.logaddexp.reduce(self._evidences()) - np.log(len(self.tried))) if self.tried else -np.inf
+
+    def _evidences(self) -> np.ndarray:
+        """Of every cut (Laplace's approximation; priors scaled like the misfits), (C,)."""
+        gain = np.array([self.uncut.chi2 - each.chi2 for each in self.tried]) / self.scale
+        spent = np.array([each.log_curvature - self.uncut.log_curvature for each in self.tried]) + 2 * np.log(RATIO_SD)
+        return 0.5 * (gain - spent)
 
     def doubt(self, start: StartValues) -> str:
         """What speaks for one more border than those of start values, in words; empty where nothing does."""
         if not self.tried:
             return ""
-        if self.fall >= DOUBTFUL_FALL and self.best.chi2 < MOST_LEFT**2 * self.uncut.frames:
-            return f"one more border would lower the misfit of the free motion by {self.fall:.0%} of what is left"
+        if self.evidence >= DOUBTFUL_EVIDENCE:
+            return "one more border would explain the free motion better than noise and errors of the model do"
         return "the motion tells nothing of it beyond the border that was found" if (start.log10_young_sd[1:] > RUNS_OFF).any() else ""
 
     def border(self) -> Border:
@@ -238,7 +271,7 @@ class Scan:
         away = np.array([each.cut.place - best.cut.place for each in sides])
         step, shift, sd, side = float(np.abs(away).min(initial=0.5)), 0.0, np.inf, 0
         if len(sides) == 2:
-            rise = np.array([each.chi2 - best.chi2 for each in sides]) / max(best.chi2 / self.uncut.frames, 1.0)
+            rise = np.array([each.chi2 - best.chi2 for each in sides]) / self.scale
             bend = float(np.diff(rise / away)[0] / np.ptp(away))
             if bend > 0:
                 shift = float(np.clip(-(rise[0] / away[0] - bend * away[0]) / (2 * bend), -0.5 * step, 0.5 * step))
@@ -260,9 +293,8 @@ class Scan:
     def further_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
         parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
-        scale = max(self.uncut.chi2 / self.uncut.frames, 1.0)
-        weight = np.array([np.exp((self.uncut.chi2 - each.chi2) / (2 * scale)) for each in self.tried]) / max(len(self.tried), 1)
-        squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + each.variance[each.cut.label] for each in self.tried]
+        weight = np.exp(self._evidences()) / max(len(self.tried), 1)
+        squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + self.scale * each.variance[each.cut.label] for each in self.tried]
         square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts)) / (1.0 + weight.sum())
         return self._in_parts(square)
 
@@ -276,11 +308,9 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
     words: list[str] = []
     while found.start.has_free_tail:
         evidence = Evidence(found.body, tracks, observe(found.body, tracks, camera), period_s, settings)
-        if not words and _explained(evidence, found):
-            break
         zones = Zones.of(evidence, found.start, weighed=bool(words))
         scan = zones.scan()
-        if scan.fall < LEAST_FALL or found.body.parts == settings.segment.max_parts:
+        if scan.evidence < LEAST_EVIDENCE or found.body.parts == settings.segment.max_parts:
             variance = variance + (scan.further_variance() if words else 0.0)
             hidden = scan.doubt(found.start)
             variance = variance + (scan.hidden_variance() if hidden else 0.0)
@@ -294,10 +324,3 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         words.append(f"at {100 * border.place:.0f} +- {100 * border.place_sd:.0f} % of the way from the clamp")
         found = Parted(divided, *start_values(divided, tracks, period_s, settings, camera=camera))
     return found.doubted(np.sqrt(variance) / np.log(10.0), " and ".join(words), hidden) if words or hidden else None
-
-
-def _explained(evidence: Evidence, found: Parted) -> bool:
-    """Whether no border could lower the misfit by as much as raises a doubt."""
-    tail = evidence.tail(found.modal, support_of(found.start))
-    missed = tail.missed_m(Physics(found.start.young, found.start.damping, np.zeros(0)))
-    return bool((missed / tail.sigma_m) ** 2 < DOUBTFUL_FALL)

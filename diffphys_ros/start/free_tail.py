@@ -7,7 +7,7 @@ the leading mode swings at the frequency seen, so that the result does not depen
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -88,6 +88,7 @@ class Tail:
     most_modes: int
     untold: Untold = TOLD  # of the materials, where a search is to find it
     detuned: int = DETUNED  # leading modes whose frequencies may be off
+    weighed: Callable[[np.ndarray], np.ndarray] | None = None  # what a search makes of misfits in standard deviations, (K d, m); None: nothing
     data: np.ndarray = field(init=False)  # (K, d)
     times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
 
@@ -246,7 +247,8 @@ class Tail:
     def residual(self, vector: np.ndarray) -> np.ndarray:
         """Misfit over sigma and the priors, for least squares over Physics.of(vector)."""
         parts = len(self.modal.stiffness)
-        return np.concatenate([self.misfit(Physics.of(vector, parts, self.untold)).ravel() / self.sigma_m, prior_residual(vector, parts)])
+        missed = self.misfit(Physics.of(vector, parts, self.untold)).reshape(-1, 1) / self.sigma_m
+        return np.concatenate([self._weighed(missed)[:, 0], prior_residual(vector, parts)])
 
     def search(self, start: Physics) -> tuple[float, Physics]:
         """Cost and physics at the minimum that is reached from a start."""
@@ -255,9 +257,17 @@ class Tail:
         found = least_squares(self.residual, inside, bounds=(low, high), jac=self._slope, max_nfev=60)
         return float(found.cost), Physics.of(found.x, len(start.young), self.untold)
 
+    def curvature(self, physics: Physics) -> np.ndarray:
+        """Gauss-Newton matrix (S, S) of a search's cost by Physics.vector(untold), priors included."""
+        slope = self._slope(physics.vector(self.untold))
+        return np.asarray(slope.T @ slope)
+
+    def _weighed(self, misfits: np.ndarray) -> np.ndarray:
+        return misfits if self.weighed is None else self.weighed(misfits)
+
     def _slope(self, vector: np.ndarray) -> np.ndarray:
         parts = len(self.modal.stiffness)
-        slope = self.slope(Physics.of(vector, parts, self.untold), self.untold)
+        slope = self._weighed(self.slope(Physics.of(vector, parts, self.untold), self.untold))
         return np.concatenate([slope, prior_residual(np.eye(len(vector)), parts)])  # the priors are linear
 
     def fit(self, young: np.ndarray, observed_hz: float, decay_per_s: float) -> tuple[Physics, np.ndarray]:
