@@ -25,15 +25,14 @@ from .evidence import Evidence
 from .free_tail import DETUNED, FREQUENCY_SD, RATIO_SD, Physics, Tail
 from .second_reading import support_of
 from .tail_errors import TailErrors
-from .uncertainty import LEADING, OPEN_SD, UNSEEN_SD, inconsistency
+from .uncertainty import OPEN_SD, inconsistency
 from .untold import TOLD, Untold
 from .values import start_values, widened
-from .zone_layout import HIDDEN_SD, Division, path_length
+from .zone_layout import Division, path_length
 
-LEAST_EVIDENCE = 12.0  # for a border, a logarithm: up to 10 on 38 bodies of one material, 17 and more on 28 of 34 with a border [docs/limits.md]
-DOUBTFUL_EVIDENCE = 3.0  # of the same, from which on one is not ruled out either: as if one body in twenty had a border that does not show [docs/limits.md]
+LEAST_EVIDENCE = 10.0  # for a border, a logarithm: up to 9.7 on 130 bodies without one, all but one below 5.1; 10.4 and more on 25 of 34 with one [docs/limits.md]
+DOUBTFUL_EVIDENCE = 2.0  # of the same, from which on one is not ruled out either: as if one body in eight had a border that does not show [docs/limits.md]
 ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
-RUNS_OFF = 1.0  # standard deviation of log10 E beyond a border, from which on it is the mass there that shows, not a stiffness: up to .6 with 22 borders, 1.4 and 2.0 with two that lay far off [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
 MOST_LOG_SD = OPEN_SD * np.log(10.0)  # of ln E where a fit runs off [derived]
@@ -48,15 +47,15 @@ class Parted:
     start: StartValues
     modal: ModalModel
 
-    def doubted(self, sd: np.ndarray, places: str, hidden: str) -> Parted:
-        """With what is left open of log10 E, (n,), by the `places` of borders that were found and by one that was not, for which `hidden` speaks, in words; empty: none."""
-        may = f"stiffness may change where nothing can be seen: {hidden}; segment.max_parts 1 says that it is of one material"
+    def doubted(self, sd: np.ndarray, places: str, *, hidden: bool) -> Parted:
+        """With what is left open of log10 E, (n,), by the `places` of borders that were found, in words, and by one that may hide."""
+        may = "stiffness may change where nothing can be seen: one more border would explain the free motion better than errors of the model do; segment.max_parts 1 says that it is of one material"
         found = (
             "stiffness changes where nothing can be seen, and the free motion does not tell well where",
             "a border of this part was found by stiffness",
             f"by stiffness, for they look alike: one modulus does not explain the free motion; border {places}",
         )
-        said = [found] * bool(places) + [(may, may, may)] * bool(hidden)  # why a part is not known, what is said of one that is, where the parts come from
+        said = [found] * bool(places) + [(may, may, may)] * hidden  # why a part is not known, what is said of one that is, where the parts come from
         why, known, source = ("; ".join(each) for each in zip(*said, strict=True))
         start = widened(self.start, sd, why)
         lost = self.start.identified & ~start.identified
@@ -173,27 +172,19 @@ class Zones:
         uncut = self.fitted()
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
         if not tried:
-            return Scan(self.volume, uncut, tried, self._share(uncut), 1.0)
+            return Scan(self.volume, uncut, tried, 1.0)
         errors = self.errors(min(tried, key=lambda each: each.chi2))
         weighed = [Tried.best(replace(self.tail(each.cut.label), weighed=errors.whitened), each.cut, [each.physics]) for each in (uncut, *tried)]
         best = min(weighed[1:], key=lambda each: each.chi2)
         contradicted = inconsistency(best.physics.detune / FREQUENCY_SD, np.diag(inverted(best.curvature))[len(best.curvature) - len(best.physics.detune) :])
-        return Scan(self.volume, weighed[0], weighed[1:], self._share(uncut), max(best.chi2 / len(errors.along), contradicted**2))
+        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / self.tail(best.cut.label).data.size, contradicted**2))
 
     def errors(self, likely: Tried) -> TailErrors:
-        """What a fit may miss if a likely one is right: noise as it leaves, shapes as of a fit that misses nothing, and moduli of single zones."""
-        tail, physics, label = self.tail(likely.cut.label), likely.physics, likely.cut.label
+        """What a fit may miss if a likely one is right, moduli of single zones among it."""
+        label, physics = likely.cut.label, likely.physics
         by_zone = replace(physics, young=physics.young[label], density=None if physics.density is None else physics.density[label])
-        directions = tail.smooth(physics, LEADING)
-        shapes = np.kron(tail.swings(physics), directions) * (UNSEEN_SD / np.sqrt(directions.shape[1]) / tail.sigma_m)
         zones = self.tail(np.arange(len(label))).slope(by_zone)[:, : len(label)] * ZONE_SD
-        return TailErrors.of(tail.noise(physics), np.hstack([shapes, zones]))
-
-    def _share(self, uncut: Tried) -> np.ndarray:
-        """Of each zone of the elastic energy of the mode that holds most of the motion, (K,)."""
-        leading = self.tail(uncut.cut.label).leading_mode(uncut.physics.young)
-        energy = self.modal.eigen_changes(uncut.physics.young[uncut.cut.label])[1][:, leading]
-        return np.asarray(energy / energy.sum())
+        return TailErrors.if_right(self.tail(label), physics, zones)
 
     def divide(self, border: Border) -> Body:
         """The body with the border between two of its parts."""
@@ -234,7 +225,6 @@ class Scan:
     volume: np.ndarray  # of each zone [m^3], (K,)
     uncut: Tried
     tried: list[Tried]
-    share: np.ndarray  # of each zone of what the leading mode strains, (K,)
     scale: float  # of all misfits: what the best cut misses, or its frequencies, over what they may
 
     @property
@@ -252,14 +242,6 @@ class Scan:
         gain = np.array([self.uncut.chi2 - each.chi2 for each in self.tried]) / self.scale
         spent = np.array([each.log_curvature - self.uncut.log_curvature for each in self.tried]) + 2 * np.log(RATIO_SD)
         return 0.5 * (gain - spent)
-
-    def doubt(self, start: StartValues) -> str:
-        """What speaks for one more border than those of start values, in words; empty where nothing does."""
-        if not self.tried:
-            return ""
-        if self.evidence >= DOUBTFUL_EVIDENCE:
-            return "one more border would explain the free motion better than noise and errors of the model do"
-        return "the motion tells nothing of it beyond the border that was found" if (start.log10_young_sd[1:] > RUNS_OFF).any() else ""
 
     def border(self) -> Border:
         """The best cut, moved to the least of the parabola through its own misfit and those of its neighbours inwards and outwards."""
@@ -280,11 +262,6 @@ class Scan:
         change = np.log(sides[side].physics.young / best.physics.young) / away[side] if sides else np.zeros(len(best.physics.young))
         return Border(best.cut, best.cut.place + shift, sd, np.abs(change) * sd)
 
-    def hidden_variance(self) -> np.ndarray:
-        """Variance of ln E of a place in each part (n,), by a border anywhere, of the usual contrast, that leaves the leading frequency as it is."""
-        beyond = np.array([each.cut.label == each.cut.divided + 1 for each in self.tried], float)
-        return self._in_parts(HIDDEN_SD**2 * ((beyond - (beyond @ self.share)[:, None]) ** 2).mean(0))
-
     def _in_parts(self, square: np.ndarray) -> np.ndarray:
         """Means over each part, (n,), of what zones have, (K,)."""
         parts = self.uncut.cut.label
@@ -293,9 +270,10 @@ class Scan:
     def further_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
         parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
-        weight = np.exp(self._evidences()) / max(len(self.tried), 1)
+        found_by = self._evidences() - np.log(max(len(self.tried), 1))
+        weight = np.exp(found_by - np.logaddexp(0.0, self.evidence))
         squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + self.scale * each.variance[each.cut.label] for each in self.tried]
-        square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts)) / (1.0 + weight.sum())
+        square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts))
         return self._in_parts(square)
 
 
@@ -304,16 +282,15 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
 
     Args: as for start_values, whose results start and modal are.
     """
-    variance, found, hidden = np.zeros(body.parts), Parted(body, start, modal), ""
+    variance, found, hidden = np.zeros(body.parts), Parted(body, start, modal), False
     words: list[str] = []
     while found.start.has_free_tail:
         evidence = Evidence(found.body, tracks, observe(found.body, tracks, camera), period_s, settings)
         zones = Zones.of(evidence, found.start, weighed=bool(words))
         scan = zones.scan()
         if scan.evidence < LEAST_EVIDENCE or found.body.parts == settings.segment.max_parts:
-            variance = variance + (scan.further_variance() if words else 0.0)
-            hidden = scan.doubt(found.start)
-            variance = variance + (scan.hidden_variance() if hidden else 0.0)
+            hidden = scan.evidence >= DOUBTFUL_EVIDENCE
+            variance = variance + (scan.further_variance() if words or hidden else 0.0)
             break
         if not words and settings.scene.density_kg_m3 is None:
             zones = replace(zones, weighed=True)
@@ -323,4 +300,4 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         variance = np.insert(variance, border.cut.divided + 1, variance[border.cut.divided]) + border.log_young_sd**2
         words.append(f"at {100 * border.place:.0f} +- {100 * border.place_sd:.0f} % of the way from the clamp")
         found = Parted(divided, *start_values(divided, tracks, period_s, settings, camera=camera))
-    return found.doubted(np.sqrt(variance) / np.log(10.0), " and ".join(words), hidden) if words or hidden else None
+    return found.doubted(np.sqrt(variance) / np.log(10.0), " and ".join(words), hidden=hidden) if words or hidden else None

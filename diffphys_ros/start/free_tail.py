@@ -149,6 +149,15 @@ class Tail:
         """What is missed in time with the modes [m], (K, d): errors of their shapes leave it, noise of single frames little."""
         return _in_time_with(*self._missed(physics))
 
+    def rough(self, physics: Physics, directions: np.ndarray) -> float:
+        """What is missed in time with the modes in some directions, an orthogonal projection (d, d), beyond the noise of frames, over the motion; mean square."""
+        clock, missed = self._missed(physics)
+        missed = missed @ directions
+        in_step = _in_time_with(clock, missed)
+        out, functions = missed - in_step, clock.shape[1]
+        noise = functions / max(len(clock) - functions, 1) * (out**2).sum()
+        return float(max((in_step**2).sum() - noise, 0.0) / ((self.data**2).sum() or 1.0))
+
     def smooth(self, physics: Physics, count: int) -> np.ndarray:
         """An orthonormal basis (d, m) of the shapes of the `count` leading modes as the tracks see them."""
         shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)[1]
