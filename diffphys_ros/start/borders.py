@@ -31,7 +31,7 @@ from .values import start_values, widened
 from .zone_layout import Division, path_length
 
 LEAST_EVIDENCE = 10.0  # for a border, a logarithm: up to 9.7 on 130 bodies without one, all but one below 5.1; 10.4 and more on 25 of 34 with one [docs/limits.md]
-DOUBTFUL_EVIDENCE = 2.0  # of the same, from which on one is not ruled out either: as if one body in eight had a border that does not show [docs/limits.md]
+DOUBTFUL_EVIDENCE = 5.0  # of the same, from which on one is not ruled out either: up to 4.1 on 127 of those 130 [docs/limits.md]
 ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
