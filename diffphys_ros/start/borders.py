@@ -94,6 +94,12 @@ class Tried:
         return cls(cut, 2 * cost, physics, tail.curvature(physics))
 
     @property
+    def contradicted(self) -> float:
+        """By how much its frequencies contradict each other; at least 1."""
+        detune = self.physics.detune / FREQUENCY_SD
+        return inconsistency(detune, np.diag(inverted(self.curvature))[len(self.curvature) - len(detune) :])
+
+    @property
     def log_curvature(self) -> float:
         """Logarithm of its determinant."""
         return float(np.linalg.slogdet(self.curvature)[1])
@@ -173,11 +179,13 @@ class Zones:
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
         if not tried:
             return Scan(self.volume, uncut, tried, 1.0)
-        errors = self.errors(min(tried, key=lambda each: each.chi2))
-        weighed = [Tried.best(replace(self.tail(each.cut.label), weighed=errors.whitened), each.cut, [each.physics]) for each in (uncut, *tried)]
+        weighed = self._weighed([uncut, *tried], self.errors(min(tried, key=lambda each: each.chi2)))
         best = min(weighed[1:], key=lambda each: each.chi2)
-        contradicted = inconsistency(best.physics.detune / FREQUENCY_SD, np.diag(inverted(best.curvature))[len(best.curvature) - len(best.physics.detune) :])
-        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / self.tail(best.cut.label).data.size, contradicted**2))
+        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / self.tail(best.cut.label).data.size, best.contradicted**2))
+
+    def _weighed(self, fits: Iterable[Tried], errors: TailErrors) -> list[Tried]:
+        """The same fits where misfits are weighed by what they may be."""
+        return [Tried.best(replace(self.tail(each.cut.label), weighed=errors.whitened), each.cut, [each.physics]) for each in fits]
 
     def errors(self, likely: Tried) -> TailErrors:
         """What a fit may miss if a likely one is right, moduli of single zones among it."""
