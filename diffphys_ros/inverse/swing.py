@@ -58,7 +58,7 @@ def _swing_of(whole: Clip, seen: Outlined, start: StartValues) -> Swing | None:
     hz = float(start.frequencies_hz[np.abs(start.frequencies_hz - start.observed_hz[0]).argmin()])  # of the whole fit, not of a few differences
     first = first_frames(hz, whole.period_s)
     begin = _let_go_at(_aside(whole, seen.hanging.rest_frame), first)
-    whole, seen = whole.part(begin, len(whole)), replace(seen, hanging=replace(seen.hanging, rest_frame=seen.hanging.rest_frame - begin))
+    whole, seen = whole.part(begin, len(whole)), replace(seen, hanging=seen.hanging.cut(begin))
     follower = Follower.of(FlatSolid.of(body), whole, seen, float(start.young[0] / body.density[0]), body).tuned(hz)
     count = min(len(whole), round(SECONDS / whole.period_s) + first)
     poses = follower.poses(count)
@@ -112,8 +112,8 @@ class Follower:
 
     @classmethod
     def of(cls, plane: FlatSolid, whole: Clip, seen: Outlined, specific: float, body: Body) -> Follower:
-        """Its levels are those of the calm part's first frame."""
-        from ..outline import edge_levels
+        """Its levels are those of the calm part's first frame, whose outline it has; it rests where the calm part swings about, half of a frame's way off."""
+        from ..outline import edge_levels, middle
 
         load = plane.weight(body.gravity[:2])
         sag = plane.balanced(specific, load, np.zeros(2 * len(plane.nodes)))
@@ -128,7 +128,15 @@ class Follower:
         begun = cls(unloaded, whole, load, specific, rest, to_picture, np.zeros(0), np.zeros(0), aside, _passes_rest(aside))
         points, normals, _ = begun.edges(rest)
         level, contrast = edge_levels(seen.clip.frames[0], points, normals)
-        return replace(begun, level=level, contrast=contrast)
+        calm = aside[seen.hanging.rest_frame : seen.hanging.end_frame]
+        hz, _ = begun._mode_by_centroid()
+        return replace(begun, level=level, contrast=contrast).resting_at(middle(calm, hz * whole.period_s))
+
+    def resting_at(self, aside: np.ndarray) -> Follower:
+        """The same whose centroid in the picture is at rest so far (2,) [px] from where it is now, along its leading mode."""
+        moved = self._mode_by_centroid()[1] @ aside
+        still = self.aside - aside
+        return replace(self, plane=replace(self.plane, nodes=self.plane.nodes + moved.reshape(-1, 2)), aside=still, from_rest=_passes_rest(still))
 
     def tuned(self, hz: float) -> Follower:
         """The same at the modulus at which its own small swing has the calm part's frequency: what its elements are off by must not add up over

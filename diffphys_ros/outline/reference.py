@@ -14,6 +14,7 @@ from ..errors import InputError
 CALM = 0.04  # motion of the object's centroid over its extent: a tip then swings by .1, and the frequency of a strip is .4 % low at the most [chosen]
 LEAST_PERIODS, WANTED_PERIODS, MOST_PERIODS = 2.5, 3.0, 6.0  # of the calm part; fewer tell no frequency, more tell little else and are smaller still [chosen]
 PADDING = 8  # of the spectrum [numerical]
+DRIFT = 2  # power of time with which amplitude and phase of a swing drift in six periods [numerical]
 IN_MOTION = 0.5  # of the later swing, by which the object is aside in frame 0, or will be for its speed there: it is then not at rest [chosen]
 SPEED_FRAMES = 3  # over which that speed is read [numerical]
 LEAST_MOTION = 0.002  # of the extent, root mean square: less is no swing [chosen]
@@ -95,6 +96,15 @@ def strongest(swing: np.ndarray, padding: int = PADDING) -> float:
     power = np.abs(np.fft.rfft((swing - swing.mean()) * np.hanning(len(swing)), padding * len(swing)))
     frequency = np.fft.rfftfreq(padding * len(swing))
     return float(frequency[np.where(frequency < 1 / len(swing), 0.0, power).argmax()])
+
+
+def middle(moved: np.ndarray, frequency: float) -> np.ndarray:
+    """What points (T, 2) swing about that oscillate with a frequency [1/frame] and grow or die away slowly: the constant beside a sine whose amplitude and
+    phase drift as parabolas. The frame nearest to it may be off by half of what is travelled in one."""
+    times = np.arange(len(moved))
+    wave, drift = np.exp(2j * np.pi * frequency * times), np.vander(times / len(times), DRIFT + 1)
+    sines = np.hstack([drift * part[:, None] for part in (wave.real, wave.imag)])
+    return np.asarray(np.linalg.lstsq(np.column_stack([np.ones(len(times)), sines]), moved, rcond=None)[0][0])
 
 
 def _calm_from(swing: np.ndarray, period: int) -> int:

@@ -32,6 +32,7 @@ from .zone_layout import Division, path_length
 
 LEAST_EVIDENCE = 10.0  # for a border, a logarithm: up to 9.7 on 130 bodies without one, all but one below 5.1; 10.4 and more on 25 of 34 with one [docs/limits.md]
 DOUBTFUL_EVIDENCE = 5.0  # of the same, from which on one is not ruled out either: up to 4.1 on 127 of those 130 [docs/limits.md]
+MOST_LEFT = 2.0  # of a frame's misfit over what it may be, with such a border: what the modes miss by more for other reasons raises no doubt [docs/limits.md]
 ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
@@ -178,10 +179,11 @@ class Zones:
         uncut = self.fitted()
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
         if not tried:
-            return Scan(self.volume, uncut, tried, 1.0)
+            return Scan(self.volume, uncut, tried)
         weighed = self._weighed([uncut, *tried], self.errors(min(tried, key=lambda each: each.chi2)))
         best = min(weighed[1:], key=lambda each: each.chi2)
-        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / self.tail(best.cut.label).data.size, best.contradicted**2))
+        tail = self.tail(best.cut.label)
+        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / tail.data.size, best.contradicted**2), tail.missed_m(best.physics) / tail.sigma_m)
 
     def _weighed(self, fits: Iterable[Tried], errors: TailErrors) -> list[Tried]:
         """The same fits where misfits are weighed by what they may be."""
@@ -233,7 +235,8 @@ class Scan:
     volume: np.ndarray  # of each zone [m^3], (K,)
     uncut: Tried
     tried: list[Tried]
-    scale: float  # of all misfits: what the best cut misses, or its frequencies, over what they may
+    scale: float = 1.0  # of all misfits: what the best cut misses, or its frequencies, over what they may
+    left: float = 1.0  # of a frame's misfit over what it may be, with the best cut
 
     @property
     def best(self) -> Tried:
@@ -250,6 +253,11 @@ class Scan:
         gain = np.array([self.uncut.chi2 - each.chi2 for each in self.tried]) / self.scale
         spent = np.array([each.log_curvature - self.uncut.log_curvature for each in self.tried]) + 2 * np.log(RATIO_SD)
         return 0.5 * (gain - spent)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether one more border is not ruled out."""
+        return self.evidence >= DOUBTFUL_EVIDENCE and self.left < MOST_LEFT
 
     def border(self) -> Border:
         """The best cut, moved to the least of the parabola through its own misfit and those of its neighbours inwards and outwards."""
@@ -297,7 +305,7 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         zones = Zones.of(evidence, found.start, weighed=bool(words))
         scan = zones.scan()
         if scan.evidence < LEAST_EVIDENCE or found.body.parts == settings.segment.max_parts:
-            hidden = scan.evidence >= DOUBTFUL_EVIDENCE
+            hidden = scan.doubtful
             variance = variance + (scan.further_variance() if words or hidden else 0.0)
             break
         if not words and settings.scene.density_kg_m3 is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -36,3 +36,7 @@ class Hanging:
     length_told: bool  # whether the scale is known; false: moduli and forces hold relative to the object's size alone
     log10_young_sd: float  # of what the clamp's place and the depth across the picture leave open
     swing: Swing | None = None  # the large swing before, predicted
+
+    def cut(self, begin: int) -> Hanging:
+        """The same of the recording from a frame on."""
+        return replace(self, rest_frame=self.rest_frame - begin, end_frame=self.end_frame - begin, frames=self.frames - begin)

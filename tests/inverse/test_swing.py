@@ -11,6 +11,7 @@ from diffphys_ros import config
 from diffphys_ros.bags.camera import camera_from_fov
 from diffphys_ros.elements.plane import FlatSolid
 from diffphys_ros.inverse import prepare
+from diffphys_ros.inverse.outlined import outlined
 from diffphys_ros.inverse.prepared import Prepared
 from diffphys_ros.inverse.swing import Follower, _aside, _let_go_at, _passes_rest, first_frames
 from diffphys_ros.outline import covered
@@ -21,6 +22,7 @@ from tests.elements.test_plane import bar
 SPECIFIC, LENGTH, WIDTH, BEHIND_PX, PX_PER_M = 70.0, 0.08, 0.01, 12.0, 1500.0
 FPS, FRAMES, DRAG, PUSH = 90.0, 180, 3.0, 4.0  # push aside [m/s^2], before it is let go
 SIZE = (128, 150)
+TOLD = {"scene.density_kg_m3": [1000.0], "scene.size_m": LENGTH * (1 + 9.81 * LENGTH / 2 / SPECIFIC), "scene.poisson_ratio": [0.3], "scene.gravity_m_s2": [0.0, 9.81, 0.0], "scene.thickness_m": 0.01}
 
 
 def drawn(plane: FlatSolid, u: np.ndarray, size: tuple[int, int], px_per_m: float, fps: float) -> Clip:
@@ -46,8 +48,7 @@ def film() -> Clip:
 
 @pytest.fixture(scope="module")
 def prepared() -> Prepared:
-    told = {"scene.density_kg_m3": [1000.0], "scene.size_m": LENGTH * (1 + 9.81 * LENGTH / 2 / SPECIFIC), "scene.poisson_ratio": [0.3], "scene.gravity_m_s2": [0.0, 9.81, 0.0], "scene.thickness_m": 0.01}
-    return finished(prepare(film(), config.layered([], told)))
+    return finished(prepare(film(), config.layered([], TOLD)))
 
 
 def test_gravity_is_no_stiffness_of_the_strip(prepared: Prepared) -> None:
@@ -103,6 +104,38 @@ def test_a_strip_that_crosses_a_fifth_of_its_length_a_frame_is_followed() -> Non
     poses = follower.poses(len(u))
     assert poses is not None
     assert np.linalg.norm(follower.tip(poses) - told, axis=1).max() < 0.5
+
+
+def test_a_strip_rests_where_its_calm_frames_swing_about() -> None:
+    """Its outline is that of the frame nearest to rest, which may be half of a frame's way off."""
+    plane, size = FlatSolid.of(bar(LENGTH, WIDTH)), (400, 250)
+    load, still = plane.weight(np.array([9.81, 0.0])), np.zeros(2 * len(plane.nodes))
+    whole = drawn(plane, np.stack([still] * 3), size, 3000.0, FPS)
+    to_picture = np.array([[0.0, 3000.0], [3000.0, 0.0], [size[1] / 2, -BEHIND_PX]])
+    aside = np.array([[4.0, 0.0], [1.0, 0.0], [-2.0, 0.0]])
+    follower = Follower(plane, whole, load, SPECIFIC, plane.balanced(SPECIFIC, load, still), to_picture, np.zeros(0), np.zeros(0), aside, _passes_rest(aside))
+    rests = follower.resting_at(np.array([1.5, 0.0]))
+    weight = np.asarray(plane.mass.sum(1)).ravel()[::2]
+    moved = (rests.plane.nodes - plane.nodes) @ to_picture[:2]
+    np.testing.assert_allclose(weight @ moved / weight.sum(), [1.5, 0.0], atol=0.1)  # the clamp is not shown
+    assert not moved[plane.held].any()
+    np.testing.assert_allclose(rests.aside[:, 0], [2.5, -0.5, -3.5])
+    assert follower.from_rest == rests.from_rest == 1
+
+
+def test_where_the_calm_frames_swing_about_does_not_depend_on_the_frame_that_is_taken_for_rest() -> None:
+    seen = finished(outlined(film(), config.layered([], TOLD)))
+    assert seen is not None
+    calm = seen.hanging
+
+    def aside(rest_frame: int) -> np.ndarray:
+        """Of the calm part's first frame from rest [px]."""
+        taken = replace(seen, hanging=replace(calm, rest_frame=rest_frame))
+        return Follower.of(FlatSolid.of(seen.body), seen.whole, taken, SPECIFIC, seen.body).aside[calm.rest_frame]
+
+    moved = _aside(seen.whole, calm.rest_frame)[calm.rest_frame + 3]
+    assert np.linalg.norm(moved) > 0.3
+    np.testing.assert_allclose(aside(calm.rest_frame + 3), aside(calm.rest_frame), atol=0.05)
 
 
 @pytest.mark.parametrize("hz", [3.0, 5.0, 9.6])

@@ -10,7 +10,7 @@ import pytest
 
 from diffphys_ros import config
 from diffphys_ros.errors import InputError
-from diffphys_ros.outline import calm_part, covered, end_of, follow_outline, has_texture, rest_cover, rest_outline
+from diffphys_ros.outline import calm_part, covered, end_of, follow_outline, has_texture, middle, rest_cover, rest_outline
 from diffphys_ros.outline.follow import _smooth
 from diffphys_ros.plain_swing import plain_swing
 from diffphys_ros.segment import plain_labels
@@ -45,6 +45,17 @@ def sideways(clip: Clip, calm: Clip, tracks: Tracks) -> np.ndarray:
     first = len(clip) - len(calm)
     sway = STRIP.sway()[first:]
     return (sway - sway[0])[:, None] * STRIP.shape(tracks.pixels[0, :, 1] + STRIP.behind_px)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.03])
+def test_the_middle_of_a_swing_that_dies_away_is_found_between_its_frames(damping: float) -> None:
+    frames = np.arange(75)
+    phase = 2 * np.pi * 0.06 * frames + 0.4
+    swing = 8.0 * np.exp(-damping * phase) * np.cos(phase)
+    moved = np.stack([swing + 0.7, 0.1 * swing - 0.2], 1)
+    assert np.abs(swing).min() > 0.1
+    np.testing.assert_allclose(middle(moved, 0.06), [0.7, -0.2], atol=0.02)
+    np.testing.assert_allclose(middle(moved, 0.0602), [0.7, -0.2], atol=0.03)  # its frequency is not known to better
 
 
 def test_a_polygon_covers_pixels_by_its_area() -> None:

@@ -127,6 +127,14 @@ def test_a_border_is_as_likely_as_its_misfit_is_less_but_for_what_its_freedom_bu
     assert scan().evidence == -np.inf
 
 
+def test_what_the_modes_miss_for_other_reasons_raises_no_doubt() -> None:
+    likely = scan(35.0)
+    assert 5.0 < likely.evidence < 10.0
+    assert likely.doubtful
+    assert not replace(likely, left=2.5).doubtful
+    assert not scan(25.0).doubtful
+
+
 def test_a_border_that_the_misfit_does_not_ask_for_makes_the_modulus_less_sure_the_likelier_it_is():
     open_ = {"contrast": RATIO_SD**-2}  # the motion tells no more than is believed
     same, likelier, refused = (scan(fall, **open_).further_variance()[0] for fall in (0.0, 10.0, -100.0))
