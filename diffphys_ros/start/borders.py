@@ -180,10 +180,10 @@ class Zones:
         tried = [self.tried(cut, uncut.physics) for cut in cuts_of(self.division)]
         if not tried:
             return Scan(self.volume, uncut, tried)
-        weighed = self._weighed([uncut, *tried], self.errors(min(tried, key=lambda each: each.chi2)))
-        best = min(weighed[1:], key=lambda each: each.chi2)
-        tail = self.tail(best.cut.label)
-        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / tail.data.size, best.contradicted**2), tail.missed_m(best.physics) / tail.sigma_m)
+        likely = min(tried, key=lambda each: each.chi2)
+        weighed = self._weighed([uncut, *tried], self.errors(likely))
+        best, tail = min(weighed[1:], key=lambda each: each.chi2), self.tail(likely.cut.label)
+        return Scan(self.volume, weighed[0], weighed[1:], max(best.chi2 / tail.data.size, best.contradicted**2), tail.missed_m(likely.physics) / tail.sigma_m)
 
     def _weighed(self, fits: Iterable[Tried], errors: TailErrors) -> list[Tried]:
         """The same fits where misfits are weighed by what they may be."""
@@ -236,7 +236,7 @@ class Scan:
     uncut: Tried
     tried: list[Tried]
     scale: float = 1.0  # of all misfits: what the best cut misses, or its frequencies, over what they may
-    left: float = 1.0  # of a frame's misfit over what it may be, with the best cut
+    left: float = 1.0  # of a frame's misfit over what it may be, with a cut, at the least
 
     @property
     def best(self) -> Tried:
