@@ -22,10 +22,10 @@ from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.coordinates import observe
 from .densities import DENSITY_CONTRAST, Densities
 from .evidence import Evidence
-from .free_tail import DETUNED, FREQUENCY_SD, RATIO_SD, Physics, Tail
+from .free_tail import DETUNED, RATIO_SD, Physics, Tail
 from .second_reading import support_of
 from .tail_errors import TailErrors
-from .uncertainty import OPEN_SD, inconsistency
+from .uncertainty import OPEN_SD, contradiction
 from .untold import TOLD, Untold
 from .values import start_values, widened
 from .zone_layout import Division, path_length
@@ -97,8 +97,7 @@ class Tried:
     @property
     def contradicted(self) -> float:
         """By how much its frequencies contradict each other; at least 1."""
-        detune = self.physics.detune / FREQUENCY_SD
-        return inconsistency(detune, np.diag(inverted(self.curvature))[len(self.curvature) - len(detune) :])
+        return contradiction(inverted(self.curvature), self.physics.detune)
 
     @property
     def log_curvature(self) -> float:
@@ -246,13 +245,13 @@ class Scan:
     @property
     def evidence(self) -> float:
         """For one more border, anywhere, against none: logarithm of the ratio of their probabilities where both were as likely before."""
-        return float(np.logaddexp.reduce(self._evidences()) - np.log(len(self.tried))) if self.tried else -np.inf
+        return float(np.logaddexp.reduce(self._evidences()))
 
     def _evidences(self) -> np.ndarray:
-        """Of every cut (Laplace's approximation; priors scaled like the misfits), (C,)."""
+        """Of every cut, all as likely before (Laplace's approximation; priors scaled like the misfits), (C,)."""
         gain = np.array([self.uncut.chi2 - each.chi2 for each in self.tried]) / self.scale
         spent = np.array([each.log_curvature - self.uncut.log_curvature for each in self.tried]) + 2 * np.log(RATIO_SD)
-        return 0.5 * (gain - spent)
+        return 0.5 * (gain - spent) - np.log(max(len(self.tried), 1))
 
     @property
     def doubtful(self) -> bool:
@@ -286,8 +285,7 @@ class Scan:
     def further_variance(self) -> np.ndarray:
         """Variance of ln E of a place in each part (n,), by one more border, anywhere, that is as likely as none before the misfits are looked at."""
         parts, found = self.uncut.cut.label, np.log(self.uncut.physics.young)
-        found_by = self._evidences() - np.log(max(len(self.tried), 1))
-        weight = np.exp(found_by - np.logaddexp(0.0, self.evidence))
+        weight = np.exp(self._evidences() - np.logaddexp(0.0, self.evidence))
         squares = [(np.log(each.physics.young)[each.cut.label] - found[parts]) ** 2 + self.scale * each.variance[each.cut.label] for each in self.tried]
         square = weight @ np.minimum(squares, MOST_LOG_SD**2).reshape(-1, len(parts))
         return self._in_parts(square)

@@ -53,7 +53,7 @@ def material_changes(
     by_density, by_poisson = _misfit_by_density(tail, physics, body) @ densities, _misfit_by_poisson(tail, physics) @ ratios
     left = np.eye(len(densities.T))
     if told_by_motion(body):
-        left = _left_open(tail, physics, bend, by_density + by_poisson if twists else by_density, contradiction(bend, detune))
+        left = _left_open(tail, physics, bend, by_density + by_poisson if twists else by_density, contradiction(bend.inverse, detune))
     return densities @ left, ratios @ left, bend.young_by((by_density + by_poisson) @ left, len(physics.young))
 
 

@@ -29,7 +29,7 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
     of step with the modes, for what is missed in step is of_shapes, or, where modes are held to the model, as all that is missed; model error in every mode's
     frequency; priors), widened where the frequencies, off by `detune` (k,), fit each other worse than is allowed for, and that of outline and densities;
     OPEN_SD where a tail that the modes do not explain leaves more open than that."""
-    fit_sd = contradiction(bend, detune) * np.sqrt(_fit_variance(tail, physics, bend)) / np.log(10.0)
+    fit_sd = contradiction(bend.inverse, detune) * np.sqrt(_fit_variance(tail, physics, bend)) / np.log(10.0)
     return np.minimum(np.hypot(fit_sd, geometry_sd), OPEN_SD)
 
 
@@ -53,9 +53,10 @@ def _fit_variance(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
     return np.where(variance < 0, np.inf, variance)  # by rounding, where next to nothing is told
 
 
-def contradiction(bend: Bend, detune: np.ndarray) -> float:
-    """By how much frequencies that are off by `detune` (k,) contradict each other, over what is allowed for; at least 1."""
-    return inconsistency(detune / FREQUENCY_SD, np.diag(bend.inverse)[len(bend.inverse) - len(detune) :])
+def contradiction(covariance: np.ndarray, detune: np.ndarray) -> float:
+    """By how much frequencies that are off by `detune` (k,) contradict each other, over what is allowed for; at least 1. `covariance` (S, S) is that of
+    Physics.vector()."""
+    return inconsistency(detune / FREQUENCY_SD, np.diag(covariance)[len(covariance) - len(detune) :])
 
 
 def inconsistency(detune: np.ndarray, variance: np.ndarray) -> float:

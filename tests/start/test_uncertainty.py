@@ -88,7 +88,7 @@ def test_where_frequencies_contradict_each_other_all_that_is_fitted_is_as_much_l
     tail, physics = tail_of(body, tracks(modes_of(body, YOUNG), motion(modes_of(body, YOUNG), YOUNG, gust())))
     bend = Bend.of(tail, physics)
     agreed, contradicted = (log10_young_sd(tail, physics, bend, np.zeros(2), off * FREQUENCY_SD * np.array([1.0, -1.0, 1.0, -1.0])) for off in (0.0, 5.0))
-    np.testing.assert_allclose(contradicted / agreed, contradiction(bend, 5 * FREQUENCY_SD * np.ones(DETUNED)))
+    np.testing.assert_allclose(contradicted / agreed, contradiction(bend.inverse, 5 * FREQUENCY_SD * np.ones(DETUNED)))
     assert (contradicted > 5 * agreed).all()
 
 
