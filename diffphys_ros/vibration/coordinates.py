@@ -17,7 +17,7 @@ MOST_COORDINATES = 3  # that are kept [chosen]
 LEAST_SEEN = 0.4  # of the frames in which a track must hold [chosen]
 LEAST_SHARE = 0.025  # of the first coordinate's motion that a further one must have [chosen]
 OVER_NOISE = 1.5  # times the common noise that it must have as well [chosen]
-NEW_SHARE = 0.5  # of its variance that coordinates before it and their products must leave: else it is their second order [chosen]
+NEW_SHARE = 0.5  # of the variance of its own that products of those before it must leave: else it is their second order [chosen]
 STEADY_SHARE, STEADY_POINTS = 0.97, 40  # points seen in nearly all frames span the coordinates [chosen]
 NEIGHBOURS = 5  # that stand in for a point that was lost in a frame [numerical]
 WILD = 6.0  # times the median misfit: single track positions that far off, and off what their neighbours share, are left out [chosen]
@@ -30,7 +30,8 @@ class Motion:
     """Observed motion in n leading coordinates: displacement(t, m) = sum_i q_i(t) shape_i(m) + products of the q's + noise.
 
     Products (foreshortening and the like) are second order in the amplitude; linear modes must not be asked to explain
-    them, so that only the first-order part is kept. Shapes have unit root mean square over the points, so the q's are metres.
+    them, so that only the first-order part is kept. They are products of the motion about rest: about a frame 0 that is bent they would
+    lie in the shapes as well. Shapes have unit root mean square over the points, so the q's are metres.
     """
 
     points: np.ndarray  # body frame at frame 0 [m], (M, 3)
@@ -41,6 +42,7 @@ class Motion:
     noise_m: float  # of one coordinate of one track [m]
     displacement: np.ndarray  # as tracked, 0 where not valid [m], (T, M, 3)
     valid: np.ndarray  # bool, (T, M)
+    begun: np.ndarray | None = None  # coordinates of frame 0 from rest [m], (n,); None: it is at rest, as far as is known
 
     @property
     def coherent_m(self) -> float:
@@ -55,7 +57,7 @@ class Motion:
     @cached_property
     def first_order(self) -> np.ndarray:
         """The displacement without products of the coordinates [m], (T, M, 3); a track that was lost follows the coordinates, and its neighbours beyond them."""
-        _, left = shapes_of(self.coordinates, self.displacement, self.valid)
+        _, left = shapes_of(self.coordinates, self.displacement, self.valid, self.begun)
         beyond = _from_neighbours(_likeness(self.points, self.across), left, self.valid & self.known[:, None])
         return np.einsum("tk,mck->tmc", self.coordinates, self.shapes) + beyond
 
@@ -125,14 +127,23 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     places = _likeness(points[0], across)
-    q, known = leading(places, displacement, tracks.valid, tracks.noise_m)
-    _, left = shapes_of(q, displacement, tracks.valid)
+    begun = None
+    if tracks.first is None:
+        q, known = leading(places, displacement, tracks.valid, tracks.noise_m)
+    else:
+        rest = (tracks.points[0] - tracks.first) @ body.world_from_body[:3, :3]
+        rest = rest if across is None else np.einsum("mij,mj->mi", across, rest)
+        q, known = leading(places, np.concatenate([displacement, rest[None]]), np.concatenate([tracks.valid, tracks.valid[:1]]), tracks.noise_m)
+        q, known, begun = q[:-1], known[:-1], -q[-1]
+    _, left = shapes_of(q, displacement, tracks.valid, begun)
     calm = tracks.valid & ~_wild(places, left, tracks.valid)
     kept = calm[known].mean(0) > LEAST_SEEN
-    shapes, _ = shapes_of(q, displacement[:, kept], calm[:, kept])
+    shapes, _ = shapes_of(q, displacement[:, kept], calm[:, kept], begun)
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
     kept_across = None if across is None else across[kept]
-    return Motion(points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept])
+    return Motion(
+        points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept], None if begun is None else begun * size
+    )
 
 
 def _wild(places: np.ndarray, left: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -216,25 +227,30 @@ def _products(q: np.ndarray) -> np.ndarray:
 
 
 def _first_order(principal: np.ndarray, *, floor: float) -> list[int]:
-    """Coordinates that move enough and are not products of those before."""
+    """Coordinates that move enough beside those before and are not products of them."""
     chosen = [0]
     for k in range(1, principal.shape[1]):
-        q = principal[:, k]
-        if len(chosen) == MOST_COORDINATES or q.std() < max(LEAST_SHARE * principal[:, 0].std(), OVER_NOISE * floor):
+        straight = np.column_stack([principal[:, chosen], np.ones(len(principal))])
+        own = _unexplained(principal[:, k], straight)  # principal coordinates about frame 0 move together where the motion is about another pose
+        if len(chosen) == MOST_COORDINATES or own.std() < max(LEAST_SHARE * principal[:, 0].std(), OVER_NOISE * floor):
             break
-        terms = np.column_stack([_products(principal[:, chosen]), principal[:, chosen], np.ones(len(q))])
-        scaled = terms / np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
-        rest = q - scaled @ np.linalg.lstsq(scaled, q, rcond=None)[0]
-        if rest.var() > NEW_SHARE * q.var():
+        if _unexplained(own, np.column_stack([_products(principal[:, chosen]), straight])).var() > NEW_SHARE * own.var():
             chosen.append(k)
     return chosen
 
 
-def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _unexplained(q: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """What of a coordinate (T,) no sum of `terms` (T, k) is."""
+    scaled = terms / np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
+    return np.asarray(q - scaled @ np.linalg.lstsq(scaled, q, rcond=None)[0])
+
+
+def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray, begun: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """First-order shapes (M, 3, n) of all points, by least squares on the q's and their products over the valid frames,
-    and what is left of the displacement [m], (T, M, 3)."""
+    and what is left of the displacement [m], (T, M, 3). Products are of the motion about rest, from which frame 0 is `begun` (n,) away."""
     size = np.maximum(np.abs(q).max(0), 1e-300)
-    terms = np.column_stack([q / size, _products(q / size)])
+    about = q / size if begun is None else (q + begun) / size
+    terms = np.column_stack([q / size, _products(about) - (0.0 if begun is None else _products(begun[None] / size))])
     fits = np.stack([_fitted(terms[v], displacement[v, m], q.shape[1]) for m, v in enumerate(valid.T)])
     left = displacement - np.einsum("tk,mkc->tmc", terms, fits)
     return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), left

@@ -29,13 +29,13 @@ def rest_of(tracks: Tracks, period_s: float) -> Rest | None:
     displacement = np.where(tracks.valid[..., None], tracks.points - tracks.points[:1], 0.0)
     q, known = leading(tracks.points[0], displacement, tracks.valid, tracks.noise_m)
     support = find_support(q, known, period_s, at_rest=False, noise_m=tracks.noise_m)
-    swings = support.has_free_tail and support.centre is not None
+    free = support.centre if support.has_free_tail else None
     late = known & (np.arange(len(q)) >= len(q) // 2)
-    centre = support.centre if swings else q[late].mean(0)
+    centre = q[late].mean(0) if free is None else free
     distance = np.linalg.norm(q - centre, axis=1)
-    if distance[0] <= (AWAY if swings else USUAL) * np.sqrt(np.mean(distance[late] ** 2)):
+    if distance[0] <= (USUAL if free is None else AWAY) * np.sqrt(np.mean(distance[late] ** 2)):
         return None
     distance[tracks.valid.mean(1) < LEAST_SEEN] = np.inf
     frame = int(distance.argmin())
-    shapes, _ = shapes_of(q, displacement, tracks.valid)
+    shapes, _ = shapes_of(q, displacement, tracks.valid, -centre)
     return Rest(frame, shapes[tracks.valid[frame]] @ (centre - q[frame]))
