@@ -29,6 +29,7 @@ WIDEST = np.log(1e3)  # of E about the start of a search [numerical]
 LEAST_YOUNG, MOST_YOUNG = 1.0, 1e13  # [Pa]; no gel is as soft and no solid as stiff: what nothing in the tail bounds goes no further [chosen]
 MATCHES = 8  # rounds of scaling E to the frequency seen [numerical]
 SLOWEST2 = 1e-2  # squared angular frequency [1/s^2] below which nothing swings [numerical]
+SPANNED = 1e-9  # of the largest singular value of shapes: directions with less are none [numerical]
 DETUNED = 4  # leading modes whose frequencies may be off on their own [chosen]
 
 
@@ -162,6 +163,12 @@ class Tail:
         """An orthonormal basis (d, m) of the shapes of the `count` leading modes as the tracks see them."""
         shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)[1]
         return np.asarray(np.linalg.qr(self.seen.operator @ shapes[:, :count])[0])
+
+    def bent(self) -> np.ndarray:
+        """Projection (d, d) onto what the modal model can be bent into, as the tracks see it. Beside it lie errors that differ from point to point."""
+        own, size, _ = np.linalg.svd(self.seen.operator, full_matrices=False)
+        own = own[:, size > SPANNED * size[0]]
+        return np.asarray(own @ own.T)
 
     def slope(self, physics: Physics, untold: Untold = TOLD) -> np.ndarray:
         """Derivatives (K d, S) of the misfit over sigma by the S entries of Physics.vector(untold).

@@ -42,9 +42,10 @@ class TailErrors:
         """Of a tail if its physics is right: noise as it leaves; shapes as of a fit that misses nothing along the leading ones, which stiffness would take on,
         and as it misses beside them; and others (K d, m), in standard deviations."""
         leading = tail.smooth(physics, LEADING)
-        smooth = leading @ leading.T
-        rest = np.eye(len(smooth)) - smooth
-        shapes = smooth * (UNSEEN_SD**2 / leading.shape[1]) + rest * (tail.rough(physics, rest) / max(np.trace(rest), 1.0))
+        smooth, bent = leading @ leading.T, tail.bent()
+        shapes = smooth * (UNSEEN_SD**2 / leading.shape[1])
+        for rest in (bent - smooth, np.eye(len(bent)) - bent):
+            shapes = shapes + rest * (tail.rough(physics, rest) / max(np.trace(rest), 1.0))
         return cls.of(tail.noise(physics), tail.swings(physics) / tail.sigma_m, shapes, others)
 
     def whitened(self, misfits: np.ndarray) -> np.ndarray:

@@ -94,3 +94,21 @@ def test_a_leading_shape_is_held_to_what_a_fit_takes_on_unseen() -> None:
     sizes = [float((errors.whitened(scale * off) ** 2).sum()) for scale in (UNSEEN_SD / np.sqrt(LEADING), UNSEEN_SD)]
     assert 0.3 < sizes[0] < 1.05
     assert sizes[1] == pytest.approx(LEADING * sizes[0])
+
+
+def test_what_differs_from_point_to_point_leaves_no_room_for_shapes_that_bend() -> None:
+    """Each point is followed a little too far or too short; nothing that bends looks so. Spread over all directions it hid borders between materials."""
+    tail, physics, rest = off_by(shapes=0.0, noise=0.002)
+    bent = tail.bent()
+    axes = np.linalg.svd(np.eye(len(bent)) - bent)
+    assert axes[1][0] > 0.5
+    leading = tail.swings(physics)[:, tail.leading_mode(YOUNG)]
+    by_point = np.outer(leading, axes[0][:, 0])
+    data = tail.seen.data.copy()
+    data[np.flatnonzero(tail.known & (np.arange(len(tail.known)) >= tail.first))] += 0.03 * by_point
+    tail = replace(tail, seen=replace(tail.seen, data=data))
+    errors = TailErrors.if_right(tail, physics, np.zeros((tail.data.size, 0)))
+    bending = np.linalg.svd(rest @ bent @ rest)[0][:, 0]
+    sizes = [float((errors.whitened(misfit.reshape(-1, 1) / tail.sigma_m) ** 2).sum()) for misfit in (0.03 * by_point, 0.005 * np.outer(leading, bending))]
+    assert sizes[0] < 5.0  # one error, as large as is found; the modes swing by several functions of time
+    assert sizes[1] > 25.0
