@@ -30,8 +30,8 @@ from .untold import TOLD, Untold
 from .values import start_values, widened
 from .zone_layout import Division, path_length
 
-LEAST_EVIDENCE = 10.0  # for a border, a logarithm: up to 9.7 on 130 bodies without one, all but one below 5.1; 10.4 and more on 25 of 34 with one [docs/limits.md]
-DOUBTFUL_EVIDENCE = 5.0  # of the same, from which on one is not ruled out either: up to 4.1 on 127 of those 130 [docs/limits.md]
+LEAST_EVIDENCE = 12.0  # for a border, a logarithm: up to 9.8 on 131 bodies without one, all but four below 3.3; 12.3 and more on 25 of 34 with one [docs/limits.md]
+DOUBTFUL_EVIDENCE = 5.0  # of the same, from which on one is not ruled out either: up to 3.2 on 127 of those 131 [docs/limits.md]
 MOST_LEFT = 2.0  # of a frame's misfit over what it may be, with such a border: what the modes miss by more for other reasons raises no doubt [docs/limits.md]
 ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
