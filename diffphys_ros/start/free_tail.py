@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import orth
 from scipy.optimize import least_squares
 
 from ..damping import Damping
@@ -166,8 +167,7 @@ class Tail:
 
     def bent(self) -> np.ndarray:
         """Projection (d, d) onto what the modal model can be bent into, as the tracks see it. Beside it lie errors that differ from point to point."""
-        own, size, _ = np.linalg.svd(self.seen.operator, full_matrices=False)
-        own = own[:, size > SPANNED * size[0]]
+        own = orth(self.seen.operator, rcond=SPANNED)
         return np.asarray(own @ own.T)
 
     def slope(self, physics: Physics, untold: Untold = TOLD) -> np.ndarray:

@@ -42,7 +42,7 @@ class Motion:
     noise_m: float  # of one coordinate of one track [m]
     displacement: np.ndarray  # as tracked, 0 where not valid [m], (T, M, 3)
     valid: np.ndarray  # bool, (T, M)
-    begun: np.ndarray | None = None  # coordinates of frame 0 from rest [m], (n,); None: it is at rest, as far as is known
+    begun: np.ndarray | float = 0.0  # coordinates of frame 0 from rest [m], (n,); 0: it is at rest, as far as is known
 
     @property
     def coherent_m(self) -> float:
@@ -127,23 +127,24 @@ def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:
     if across is not None:
         displacement = np.einsum("mij,tmj->tmi", across, displacement)
     places = _likeness(points[0], across)
-    begun = None
-    if tracks.first is None:
-        q, known = leading(places, displacement, tracks.valid, tracks.noise_m)
-    else:
-        rest = (tracks.points[0] - tracks.first) @ body.world_from_body[:3, :3]
-        rest = rest if across is None else np.einsum("mij,mj->mi", across, rest)
-        q, known = leading(places, np.concatenate([displacement, rest[None]]), np.concatenate([tracks.valid, tracks.valid[:1]]), tracks.noise_m)
-        q, known, begun = q[:-1], known[:-1], -q[-1]
+    q, known, begun = _about_rest(places, displacement, tracks, body)
     _, left = shapes_of(q, displacement, tracks.valid, begun)
     calm = tracks.valid & ~_wild(places, left, tracks.valid)
     kept = calm[known].mean(0) > LEAST_SEEN
     shapes, _ = shapes_of(q, displacement[:, kept], calm[:, kept], begun)
     size = np.maximum(np.sqrt((shapes**2).sum((0, 1)) / len(shapes)), 1e-300)
     kept_across = None if across is None else across[kept]
-    return Motion(
-        points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept], None if begun is None else begun * size
-    )
+    return Motion(points[0, kept], q * size, shapes / size, kept_across, known, tracks.noise_m, displacement[:, kept], calm[:, kept], begun * size)
+
+
+def _about_rest(places: np.ndarray, displacement: np.ndarray, tracks: Tracks, body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `leading` says, and the coordinates of frame 0 from rest (n,): those of one more frame, in which all points are where they rest."""
+    if tracks.first is None:
+        q, known = leading(places, displacement, tracks.valid, tracks.noise_m)
+        return q, known, np.zeros(q.shape[1])
+    rest = body.to_body(tracks.points[:1]) - body.to_body(tracks.first)  # as such tracks see it, which have depth
+    q, known = leading(places, np.concatenate([displacement, rest]), np.concatenate([tracks.valid, tracks.valid[:1]]), tracks.noise_m)
+    return q[:-1], known[:-1], -q[-1]
 
 
 def _wild(places: np.ndarray, left: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -245,12 +246,11 @@ def _unexplained(q: np.ndarray, terms: np.ndarray) -> np.ndarray:
     return np.asarray(q - scaled @ np.linalg.lstsq(scaled, q, rcond=None)[0])
 
 
-def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray, begun: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def shapes_of(q: np.ndarray, displacement: np.ndarray, valid: np.ndarray, begun: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """First-order shapes (M, 3, n) of all points, by least squares on the q's and their products over the valid frames,
     and what is left of the displacement [m], (T, M, 3). Products are of the motion about rest, from which frame 0 is `begun` (n,) away."""
     size = np.maximum(np.abs(q).max(0), 1e-300)
-    about = q / size if begun is None else (q + begun) / size
-    terms = np.column_stack([q / size, _products(about) - (0.0 if begun is None else _products(begun[None] / size))])
+    terms = np.column_stack([q / size, _products((q + begun) / size) - _products(np.atleast_2d(begun / size))])
     fits = np.stack([_fitted(terms[v], displacement[v, m], q.shape[1]) for m, v in enumerate(valid.T)])
     left = displacement - np.einsum("tk,mkc->tmc", terms, fits)
     return np.swapaxes(fits[:, : q.shape[1]] / size[:, None], 1, 2), left
