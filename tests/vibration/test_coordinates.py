@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from diffphys_ros.types import Tracks
-from diffphys_ros.vibration.coordinates import _wild, observe
+from diffphys_ros.vibration.coordinates import LEAST_SHARE, _first_order, _wild, observe
 from tests.made_bar import LENGTH, NOISE_M, bar
 
 BODY = bar(pitch=2e-3)
@@ -94,3 +94,11 @@ def test_shapes_of_a_motion_that_begins_bent_are_those_at_rest():
     assert abs(slope) < 0.01
     bent = replace(tracks, first=None)
     assert abs((observe(BODY, bent).first_order[..., 0] * rise).sum() / (rise**2).sum()) > 0.1
+
+
+def test_a_coordinate_that_hardly_moves_but_with_the_first_is_left_out():
+    """It would be noise with a shape of its own."""
+    seconds = np.arange(60) / 30
+    first, own = np.sin(2 * np.pi * 1.7 * seconds), np.sin(2 * np.pi * 4.3 * seconds)
+    shares = [0.3 * LEAST_SHARE, 3 * LEAST_SHARE]
+    assert [_first_order(np.column_stack([first, 0.4 * first + share * own]), floor=0.0) for share in shares] == [[0], [0, 1]]

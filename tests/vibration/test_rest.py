@@ -38,6 +38,17 @@ def test_points_are_put_where_they_rest_though_no_frame_has_them_there() -> None
     assert np.abs(still[:, 2]).max() < 5e-4
 
 
+def test_points_of_a_beam_that_shortens_as_it_bends_are_put_on_the_straight_one() -> None:
+    """From the nearest frame, a third of the swing away, they move as at rest; as in a bent frame 0 they would go 3 mm along it."""
+    sway = 0.03 * np.cos(np.pi / 4 * np.arange(FRAMES) + np.pi / 8)[:, None] * SHAPES[0]
+    tracks = tracks_of(sway)
+    tracks.points[..., 0] -= 6 * sway**2
+    rest = rest_of(tracks, PERIOD_S)
+    assert rest is not None
+    assert np.abs(sway[rest.frame]).max() > 0.01
+    assert np.abs(tracks.points[rest.frame, :, 0] + rest.offset[:, 0] - ALONG).max() < 1e-3
+
+
 def test_a_clip_that_begins_at_rest_keeps_frame_0() -> None:
     begun = np.maximum(np.arange(FRAMES) - 4, 0)
     sway = 0.04 * np.sin(2 * np.pi * 1.7 * PERIOD_S * begun)
