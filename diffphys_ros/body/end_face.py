@@ -13,7 +13,7 @@ import numpy as np
 MOST_LEAN = np.deg2rad(40.0)
 LEAST_LEAN = np.deg2rad(2.0)  # what half a pixel makes of an end of some fifteen
 ON_EDGE_PX = 1.0  # distance from the line of what still lies on it
-STRAIGHT_SHARE = 0.6  # of the columns over the box that must end on one line
+STRAIGHT_SHARE = 0.6  # of the columns over the box, without those of the sides, that must end on one line
 LEAST_COLUMNS = 8
 THROUGH_PX = 3.0  # distance from the told centre at which the line must pass: else what ends there is not the held face
 TRIED = 40  # columns of whose pairs lines are tried
@@ -32,11 +32,24 @@ def lean_of_end(front: np.ndarray, footprint_m: float, half_width_m: float) -> f
     y, x = y[near], x[near]
     if len(y) < LEAST_COLUMNS:
         return 0.0
-    slope, offset = _line(y, x, ON_EDGE_PX * footprint_m)
-    on = np.abs(x - offset - slope * y) <= ON_EDGE_PX * footprint_m * np.hypot(1.0, slope)
+    line = _line(y, x, footprint_m)
+    if line is None:
+        return 0.0
+    slope, offset = line
     lean = float(np.arctan(slope))
-    seen = on.mean() >= STRAIGHT_SHARE and abs(offset) * np.cos(lean) <= THROUGH_PX * footprint_m
+    off = (x - offset - slope * y) * np.cos(lean) / (ON_EDGE_PX * footprint_m)
+    on = np.abs(off) <= 1
+    straight = on.sum() >= LEAST_COLUMNS and on[_end(on, off)].mean() >= STRAIGHT_SHARE
+    seen = straight and abs(offset) * np.cos(lean) <= THROUGH_PX * footprint_m
     return lean if seen and LEAST_LEAN <= abs(lean) <= MOST_LEAN else 0.0
+
+
+def _end(on: np.ndarray, off: np.ndarray) -> slice:
+    """The columns of an end whose line some are `on`: those between the first and the last of them, where all others lie above it (`off` is positive), as the
+    sides of a narrow body do that leaves a wide box askew; else all."""
+    first, last = np.flatnonzero(on)[[0, -1]]
+    beyond = np.r_[off[:first], off[last + 1 :]]
+    return slice(first, last + 1) if (beyond > 0).all() else slice(None)
 
 
 def lowest(points: np.ndarray, width_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -47,13 +60,17 @@ def lowest(points: np.ndarray, width_m: float) -> tuple[np.ndarray, np.ndarray]:
     return (there + 0.5) * width_m, points[order[first], 0]
 
 
-def _line(y: np.ndarray, x: np.ndarray, tolerance_m: float) -> tuple[float, float]:
-    """Slope and offset of the line near which most columns end, fitted to those."""
+def _line(y: np.ndarray, x: np.ndarray, footprint_m: float) -> tuple[float, float] | None:
+    """Slope and offset of the line through the told centre near which most columns end, fitted to those; None without one."""
     some = np.unique(np.linspace(0, len(y) - 1, TRIED).astype(int))
     first, second = np.array(list(combinations(some, 2))).T
     slopes = (x[second] - x[first]) / (y[second] - y[first])
-    misses = np.abs(x - x[first][:, None] - slopes[:, None] * (y - y[first][:, None]))
-    on = misses <= tolerance_m * np.hypot(1.0, slopes)[:, None]
+    offsets, across = x[first] - slopes * y[first], footprint_m * np.hypot(1.0, slopes)
+    through = np.abs(offsets) <= THROUGH_PX * across
+    if not through.any():
+        return None
+    misses = np.abs(x - offsets[through, None] - slopes[through, None] * y)
+    on = misses <= ON_EDGE_PX * across[through, None]
     best = on[on.sum(1).argmax()]
     slope, offset = np.polyfit(y[best], x[best], 1)
     return float(slope), float(offset)

@@ -61,10 +61,10 @@ def test_a_leaning_bar_that_a_mount_hides_is_held_where_it_was_told() -> None:
     assert direction(askew(15.0, mount=mount)) == 0.0
 
 
-def bar_points(degrees: float, *, wave_m: float = 0.0, shift_m: float = 0.0) -> np.ndarray:
-    """Pixels (P, 2) on a bar 60 mm wide that leaves x = 0 at an angle; its end may be wavy, or lie elsewhere."""
-    along, across = np.meshgrid(np.arange(0, 0.2, PIXEL_M / 2), np.arange(-0.03, 0.03, PIXEL_M / 2))
-    along = along + shift_m + wave_m * np.sin(across / 0.03 * np.pi)
+def bar_points(degrees: float, *, wave_m: float = 0.0, shift_m: float = 0.0, width_m: float = 0.06) -> np.ndarray:
+    """Pixels (P, 2) on a bar that leaves x = 0 at an angle; its end may be wavy, or lie elsewhere."""
+    along, across = np.meshgrid(np.arange(0, 0.2, PIXEL_M / 2), np.arange(-width_m / 2, width_m / 2, PIXEL_M / 2))
+    along = along + shift_m + wave_m * np.sin(2 * across / width_m * np.pi)
     lean = np.deg2rad(degrees)
     return np.stack([along * np.cos(lean) + across * np.sin(lean), across * np.cos(lean) - along * np.sin(lean)], -1).reshape(-1, 2)
 
@@ -74,12 +74,19 @@ def test_the_lean_of_an_end_is_read_to_half_a_degree(degrees: float) -> None:
     assert np.rad2deg(lean_of_end(bar_points(degrees), PIXEL_M, HALF_WIDTH_M)) == pytest.approx(degrees, abs=0.7)
 
 
+@pytest.mark.parametrize("degrees", [-30.0, -17.0, 17.0, 30.0])
+def test_the_sides_of_a_narrow_bar_over_a_wide_box_are_no_part_of_its_end(degrees: float) -> None:
+    points = bar_points(degrees, width_m=0.04)
+    assert np.rad2deg(lean_of_end(points, PIXEL_M, 2 * HALF_WIDTH_M)) == pytest.approx(degrees, abs=1.5)
+
+
 @pytest.mark.parametrize(
     ("points", "why"),
     [
         (bar_points(0.0), "level"),
         (bar_points(1.0), "within what pixels make of a level end"),
         (bar_points(20.0, wave_m=0.012), "on no line"),
+        (bar_points(20.0, wave_m=0.012, width_m=0.04), "on no line, of a narrow bar"),
         (bar_points(20.0, shift_m=0.02), "beyond the told face"),
         (bar_points(20.0)[:0], "nothing seen"),
         (bar_points(55.0), "more than a clamp leans"),
