@@ -9,6 +9,7 @@ import numpy as np
 
 from ..config import Scene
 from ..errors import InputError
+from ..inpaint import nearest_known
 from ..picture import along_border
 from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
 from .view import FrontView
@@ -70,8 +71,9 @@ def _front(view: FrontView, scene: Scene, *, strands: bool) -> tuple[np.ndarray,
         inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
         return tidy(inside, gaps), np.full(inside.shape, view.front)
     height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
-    before_middle = view.front - height < (thickness / 2 if thickness else np.inf)
-    return tidy(inside & before_middle, gaps), height
+    if thickness:
+        inside &= (view.front - height < thickness / 2) & ~_seen_past(view, np.minimum(height, view.front), thickness)
+    return tidy(inside, gaps), height
 
 
 def _with_root(view: FrontView, inside: np.ndarray) -> tuple[np.ndarray, int]:
@@ -123,6 +125,19 @@ def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
     pixels, depth = view.front_pixels()
     measured = nearest(view.measured, pixels)
     return (measured > 0) & (measured < (1 - IN_FRONT) * depth)
+
+
+def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.ndarray:
+    """Cells (nx, ny) at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen: nothing of the object is there,
+    and what seemed its front is a side of it whose depth was lost."""
+    assert view.measured is not None
+    back = np.concatenate([view.raster.centres, (2 * view.front - thickness_m - height)[..., None]], -1)
+    pixels, depth = view.camera.project(back @ view.pose[:3, :3].T + view.pose[:3, 3])
+    elsewhere = view.measured * (view.surface == 0)
+    if not elsewhere.any():
+        return np.zeros(height.shape, bool)
+    farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
+    return np.asarray(farther & (sample(view.soft, pixels) < 0.5))
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:

@@ -71,7 +71,8 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
     height = np.zeros(mask.shape)
     height[v, u] = seen[:, 2]
     noise = height_noise(height, mask)
-    front = _front_of(clamp, seen, height, mask, noise, footprint)
+    told = _measured(mask, clip)
+    front = _front_of(clamp, seen[told[mask]], height, told, noise, footprint)
     lean = 0.0
     if clamp is not None and not clamp.drawn:
         below = max(FRONT_PX * footprint, TOP_NOISE * noise)
@@ -93,6 +94,12 @@ def view_of(clip: Clip, depth0: np.ndarray, mask: np.ndarray, scene: Scene, behi
         lean=lean,
         behind_m=behind_px * footprint,
     )
+
+
+def _measured(mask: np.ndarray, clip: Clip) -> np.ndarray:
+    """The pixels of a mask (H, W) whose depth was measured, as far as there are some: what is filled in may stand out from the front."""
+    there = mask if clip.depth is None else mask & (clip.depth[0] > 0)
+    return there if there.sum() >= LEAST_PIXELS else mask
 
 
 def _front_of(clamp: Clamp | None, seen: np.ndarray, height: np.ndarray, mask: np.ndarray, noise_m: float, footprint_m: float) -> float:

@@ -131,13 +131,44 @@ def test_a_mask_that_takes_in_the_edge_of_a_nearer_mount_does_not_make_the_body_
     clip = box_clip(bar(), [np.eye(4)], camera_at((0.12, -0.45, 0.0), (0.12, 0, 0)), mount=mount)
     assert clip.labels is not None
     assert clip.depth is not None
-    pixels = np.stack(np.meshgrid(np.arange(clip.camera.width), np.arange(clip.camera.height)), -1).astype(float)
-    place = clip.camera.backproject(pixels, clip.depth[0].astype(float))
+    place = places(clip)
     edge = (clip.labels[0] == 0) & (np.abs(place[..., 0]) < 0.005) & (np.abs(place[..., 2]) < 0.03) & (place[..., 1] < 0)
     assert edge.sum() > 0.01 * clip.labels[0].sum()
     body = solid(clip.with_labels(np.where(edge, 1, clip.labels[0])[None].astype(np.uint8)), bar_settings())
     assert body.half_thickness[body.inside].max() == pytest.approx(0.025, rel=1e-6)
     assert body.volume_m3 == pytest.approx(bar().volume, rel=0.025)
+
+
+def places(clip: Clip) -> np.ndarray:
+    """Where the pixels of frame 0 lie in the world [m], (H, W, 3)."""
+    assert clip.depth is not None
+    pixels = np.stack(np.meshgrid(np.arange(clip.camera.width), np.arange(clip.camera.height)), -1).astype(float)
+    return clip.camera.backproject(pixels, clip.depth[0].astype(float))
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_sides_whose_depth_is_lost_are_no_part_of_the_front(clip: Clip, usual: Body, beside: bool) -> None:
+    """As a stereo camera loses it where depth steps; `beside`: of the scene next to the body as well."""
+    assert clip.labels is not None
+    assert clip.depth is not None
+    mask = clip.labels[0] > 0
+    lost = mask & (places(clip)[..., 1] > -0.022)
+    assert lost.sum() > 0.1 * mask.sum()
+    lost |= beside & ~mask & (cv2.dilate(mask.astype(np.uint8), np.ones((13, 13), np.uint8)) > 0)
+    body = solid(replace(clip, depth=np.where(lost, 0, clip.depth).astype(np.float32)), bar_settings())
+    assert body.volume_m3 == pytest.approx(bar().volume, rel=0.015)
+    assert edges(body) == pytest.approx(edges(usual), abs=PIXEL_M / 2)
+
+
+def test_what_is_filled_in_is_not_where_the_front_is_highest(clip: Clip, usual: Body) -> None:
+    assert clip.labels is not None
+    assert clip.depth is not None
+    end = (clip.labels[0] > 0) & (places(clip)[..., 0] > 0.18)
+    filled = surface_depth(clip, bar_settings())[0] - np.where(end, 0.003, 0).astype(np.float32)
+    body = build_body(replace(clip, depth=np.where(end, 0, clip.depth).astype(np.float32)), filled, bar_settings())
+    assert body.half_thickness.max() == pytest.approx(0.025, rel=1e-6)
+    assert np.median(body.half_thickness[body.inside]) == pytest.approx(0.025, rel=1e-6)
+    assert body.world_from_body[:3, 3] == pytest.approx(usual.world_from_body[:3, 3], abs=2e-4)
 
 
 def test_an_object_that_ends_short_of_the_clamp_is_continued_to_it_and_says_so(clip: Clip, usual: Body) -> None:
