@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from ..config import Scene
 from ..errors import InputError
@@ -24,6 +25,7 @@ SIDES = 1.0  # of its width where the object leaves the picture, along which its
 SLANT = 0.05  # of its width, by which they draw nearer along that, or apart: straight strips are as uneven [docs/measurements/films.md]
 LEANS_ON = 0.5  # of that, by which they lean where they are not seen: as likely as leaning on they are parallel there, as those of grips are [chosen]
 HIDDEN_WIDTHS = (0.5, 2.0)  # of its width there, between which what is hidden stays [chosen]
+UNSEEN_PX = 4.0  # from the nearest measured depth, beyond which what is filled in says nothing of a cell [chosen]
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 
@@ -71,6 +73,9 @@ def _front(view: FrontView, scene: Scene, *, strands: bool) -> tuple[np.ndarray,
         inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
         return tidy(inside, gaps), np.full(inside.shape, view.front)
     height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
+    if thickness and (unseen := _unseen(view)).any():
+        level = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front))
+        inside, height = np.where(unseen, level, inside), np.where(unseen, view.front, height)
     if thickness:
         inside &= (view.front - height < thickness / 2) & ~_seen_past(view, np.minimum(height, view.front), thickness)
     return tidy(inside, gaps), height
@@ -125,6 +130,17 @@ def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
     pixels, depth = view.front_pixels()
     measured = nearest(view.measured, pixels)
     return (measured > 0) & (measured < (1 - IN_FRONT) * depth)
+
+
+def _unseen(view: FrontView) -> np.ndarray:
+    """Cells (nx, ny) of a level front that fall onto the object far from any pixel whose depth was measured: too near for the camera, or beside what hides
+    them from its other eye. There the front is taken to go on level."""
+    assert view.measured is not None
+    told = (view.surface > 0) & (view.measured > 0)
+    if not told.any():
+        return np.zeros(view.raster.shape, bool)
+    off = distance_transform_edt(~told) * (view.surface > 0)
+    return np.asarray(nearest(off, view.front_pixels()[0]) > UNSEEN_PX)
 
 
 def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.ndarray:

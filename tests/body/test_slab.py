@@ -160,6 +160,19 @@ def test_sides_whose_depth_is_lost_are_no_part_of_the_front(clip: Clip, usual: B
     assert edges(body) == pytest.approx(edges(usual), abs=PIXEL_M / 2)
 
 
+def test_an_end_that_is_too_near_for_the_depth_camera_is_as_wide_as_the_picture_shows_it(clip: Clip, usual: Body) -> None:
+    """What is filled in there is off by more than a pixel sees."""
+    assert clip.labels is not None
+    assert clip.depth is not None
+    mask = clip.labels[0] > 0
+    near = places(clip)[..., 0] < 0.06
+    wrong = np.where(mask & near, 0.012 * np.sin(np.arange(clip.camera.height) / 3)[:, None], 0)
+    body = build_body(replace(clip, depth=np.where(near, 0, clip.depth).astype(np.float32)), surface_depth(clip, bar_settings())[0] + wrong.astype(np.float32), bar_settings())
+    width = body.inside.sum(1) * body.pitch_m
+    assert np.abs(width[: round(0.05 / body.pitch_m)] - 0.06).max() < PIXEL_M
+    assert body.volume_m3 == pytest.approx(usual.volume_m3, rel=0.01)
+
+
 def test_what_is_filled_in_is_not_where_the_front_is_highest(clip: Clip, usual: Body) -> None:
     assert clip.labels is not None
     assert clip.depth is not None
