@@ -144,8 +144,8 @@ def _unseen(view: FrontView) -> np.ndarray:
 
 
 def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.ndarray:
-    """Cells (nx, ny) at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen: nothing of the object is there,
-    and what seemed its front is a side of it whose depth was lost."""
+    """Cells (nx, ny) whose depth was lost and at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen:
+    nothing of the object is there, and what seemed its front is a side of it. Measured depth tells a side by itself, and more finely than the mask does."""
     assert view.measured is not None
     back = np.concatenate([view.raster.centres, (2 * view.front - thickness_m - height)[..., None]], -1)
     pixels, depth = view.camera.project(back @ view.pose[:3, :3].T + view.pose[:3, 3])
@@ -153,7 +153,8 @@ def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.nd
     if not elsewhere.any():
         return np.zeros(height.shape, bool)
     farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
-    return np.asarray(farther & (sample(view.soft, pixels) < 0.5))
+    lost = nearest(view.measured, view.front_pixels()[0]) == 0
+    return np.asarray(lost & farther & (sample(view.soft, pixels) < 0.5))
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:
