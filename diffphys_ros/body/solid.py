@@ -26,6 +26,7 @@ SLANT = 0.05  # of its width, by which they draw nearer along that, or apart: st
 LEANS_ON = 0.5  # of that, by which they lean where they are not seen: as likely as leaning on they are parallel there, as those of grips are [chosen]
 HIDDEN_WIDTHS = (0.5, 2.0)  # of its width there, between which what is hidden stays [chosen]
 UNSEEN_PX = 4.0  # from the nearest measured depth, beyond which what is filled in says nothing of a cell [chosen]
+CLEAR_PX = 2.0  # from lost depth, within which measured depth is mixed with what is filled in [chosen]
 IN_FRONT = 0.01  # an occluder is nearer than the front by this share of the depth
 
 
@@ -73,11 +74,12 @@ def _front(view: FrontView, scene: Scene, *, strands: bool) -> tuple[np.ndarray,
         inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
         return tidy(inside, gaps), np.full(inside.shape, view.front)
     height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
-    if thickness and (unseen := _unseen(view)).any():
-        level = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front))
-        inside, height = np.where(unseen, level, inside), np.where(unseen, view.front, height)
+    lost = nearest(view.measured, view.front_pixels()[0]) == 0
+    if thickness and (unseen := _unseen(view)).any() and (told := inside & (distance_transform_edt(~lost) > CLEAR_PX * CELLS_PER_PIXEL)).any():
+        height = np.where(unseen, _gone_on(height, told), height)
+        inside = np.where(unseen, _shown(view, height), inside)
     if thickness:
-        inside &= (view.front - height < thickness / 2) & ~_seen_past(view, np.minimum(height, view.front), thickness)
+        inside &= (view.front - height < thickness / 2) & ~(lost & _seen_past(view, np.minimum(height, view.front), thickness))
     return tidy(inside, gaps), height
 
 
@@ -133,8 +135,7 @@ def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
 
 
 def _unseen(view: FrontView) -> np.ndarray:
-    """Cells (nx, ny) of a level front that fall onto the object far from any pixel whose depth was measured: too near for the camera, or beside what hides
-    them from its other eye. There the front is taken to go on level."""
+    """Cells (nx, ny) that fall onto the object far from any pixel whose depth was measured: too near for the camera, or beside what hides them from its other eye."""
     assert view.measured is not None
     told = (view.surface > 0) & (view.measured > 0)
     if not told.any():
@@ -143,9 +144,22 @@ def _unseen(view: FrontView) -> np.ndarray:
     return np.asarray(nearest(off, view.front_pixels()[0]) > UNSEEN_PX)
 
 
+def _gone_on(height: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Heights (nx, ny) as those of the cells that are `told` go on: with the plane nearest to these, as far off it as the nearest of them."""
+    basis = np.stack([np.ones(height.shape), *np.indices(height.shape)], -1)
+    plane = basis @ np.linalg.lstsq(basis[told], height[told], rcond=None)[0]
+    return np.asarray(plane + nearest_known(height - plane, told))
+
+
+def _shown(view: FrontView, height: np.ndarray) -> np.ndarray:
+    """Cells (nx, ny) at whose `height` [m] the picture shows the object."""
+    cells = np.concatenate([view.raster.centres, height[..., None]], -1)
+    return np.asarray(sample(view.soft, view.camera.project(cells @ view.pose[:3, :3].T + view.pose[:3, 3])[0]) >= 0.5)
+
+
 def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.ndarray:
-    """Cells (nx, ny) whose depth was lost and at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen:
-    nothing of the object is there, and what seemed its front is a side of it. Measured depth tells a side by itself, and more finely than the mask does."""
+    """Cells (nx, ny) at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen: nothing of the object is there,
+    and what seemed its front is a side of it whose depth was lost. Measured depth tells a side by itself, and more finely than the mask does."""
     assert view.measured is not None
     back = np.concatenate([view.raster.centres, (2 * view.front - thickness_m - height)[..., None]], -1)
     pixels, depth = view.camera.project(back @ view.pose[:3, :3].T + view.pose[:3, 3])
@@ -153,8 +167,7 @@ def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.nd
     if not elsewhere.any():
         return np.zeros(height.shape, bool)
     farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
-    lost = nearest(view.measured, view.front_pixels()[0]) == 0
-    return np.asarray(lost & farther & (sample(view.soft, pixels) < 0.5))
+    return np.asarray(farther & (sample(view.soft, pixels) < 0.5))
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:

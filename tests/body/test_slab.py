@@ -390,6 +390,17 @@ def test_a_front_that_recedes_thins_the_body_by_as_much_from_where_it_is_highest
         assert np.median(body.half_thickness[np.abs(x - at) < 0.01, middle]) == pytest.approx(0.025 - slope * at, abs=6e-4)
 
 
+def test_a_front_that_recedes_goes_on_receding_where_no_depth_is_measured() -> None:
+    clip = box_clip(bar(), [turned(np.deg2rad(4.0), 2)], oblique_camera())
+    assert clip.depth is not None
+    hole = (places(clip)[..., 0] > 0.09) & (places(clip)[..., 0] < 0.15)
+    body = solid(replace(clip, depth=np.where(hole, 0, clip.depth).astype(np.float32)), bar_settings())
+    x = body.origin[0] + body.pitch_m * np.arange(len(body.inside))
+    middle = body.inside.shape[1] // 2
+    for at in (0.1, 0.12, 0.14):
+        assert np.median(body.half_thickness[np.abs(x - at) < 0.003, middle]) == pytest.approx(0.025 - np.tan(np.deg2rad(4.0)) * at, abs=6e-4)
+
+
 def test_the_noise_of_a_tilted_curved_surface_is_that_of_its_heights() -> None:
     v, u = np.mgrid[:80, :100]
     smooth = 0.001 * u + 2e-5 * (v - 40.0) ** 2
