@@ -43,6 +43,12 @@ def raster_over(points: np.ndarray, pitch_m: float, *, from_zero: bool, beside_m
     return Raster((low + 0.5) * pitch_m, pitch_m, tuple((high - low).astype(int)))
 
 
+def projected(raster: Raster, pose: np.ndarray, camera: Camera, height: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells at a height (nx, ny) or one for all [m]; `pose` is world_from_body (4, 4)."""
+    cells = np.concatenate([raster.centres, np.broadcast_to(height, raster.shape)[..., None]], -1)
+    return camera.project(cells @ pose[:3, :3].T + pose[:3, 3])
+
+
 def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Bilinear values of an image (H, W) at pixel positions (..., 2); 0 outside."""
     last = np.array(image.shape[::-1]) - 2
@@ -102,11 +108,7 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.nd
 
 def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
     """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall onto the object (`soft`, see above): the silhouette without depth."""
-    inside = np.ones(raster.shape, bool)
-    for height in heights:
-        cells = np.concatenate([raster.centres, np.full((*raster.shape, 1), height)], -1)
-        inside &= sample(soft, camera.project(cells @ pose[:3, :3].T + pose[:3, 3])[0]) >= 0.5
-    return inside
+    return np.all([sample(soft, projected(raster, pose, camera, height)[0]) >= 0.5 for height in heights], 0)
 
 
 def tidy(inside: np.ndarray, gaps: np.ndarray | None = None) -> np.ndarray:

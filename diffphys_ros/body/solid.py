@@ -74,12 +74,9 @@ def _front(view: FrontView, scene: Scene, *, strands: bool) -> tuple[np.ndarray,
         inside = carved(view.raster, view.pose, view.camera, view.soft, (view.front, view.front - thickness))
         return tidy(inside, gaps), np.full(inside.shape, view.front)
     height, inside = surface_height(view.raster, view.pose, view.camera, view.soft, view.surface, view.front, view.footprint_m)
-    lost = nearest(view.measured, view.front_pixels()[0]) == 0
-    if thickness and (unseen := _unseen(view)).any() and (told := inside & (distance_transform_edt(~lost) > CLEAR_PX * CELLS_PER_PIXEL)).any():
-        height = np.where(unseen, _gone_on(height, told), height)
-        inside = np.where(unseen, _shown(view, height), inside)
     if thickness:
-        inside &= (view.front - height < thickness / 2) & ~(lost & _seen_past(view, np.minimum(height, view.front), thickness))
+        height, inside = _where_depth_is_lost(view, height, inside, thickness)
+        inside &= view.front - height < thickness / 2
     return tidy(inside, gaps), height
 
 
@@ -134,14 +131,28 @@ def _occluded(view: FrontView, inside: np.ndarray) -> np.ndarray:
     return (measured > 0) & (measured < (1 - IN_FRONT) * depth)
 
 
-def _unseen(view: FrontView) -> np.ndarray:
-    """Cells (nx, ny) that fall onto the object far from any pixel whose depth was measured: too near for the camera, or beside what hides them from its other eye."""
+def _where_depth_is_lost(view: FrontView, height: np.ndarray, inside: np.ndarray, thickness_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Height [m] and silhouette (nx, ny) with what the picture says of cells without measured depth."""
     assert view.measured is not None
-    told = (view.surface > 0) & (view.measured > 0)
-    if not told.any():
-        return np.zeros(view.raster.shape, bool)
-    off = distance_transform_edt(~told) * (view.surface > 0)
-    return np.asarray(nearest(off, view.front_pixels()[0]) > UNSEEN_PX)
+    pixels, _ = view.front_pixels()
+    lost = nearest(view.measured, pixels) == 0
+    if not lost.any():
+        return height, inside
+    unseen = nearest(_off_measured(view), pixels) > UNSEEN_PX
+    told = inside & (distance_transform_edt(~lost) > CLEAR_PX * CELLS_PER_PIXEL)
+    if unseen.any() and told.any():
+        height = np.where(unseen, _gone_on(height, told), height)
+        inside = np.where(unseen, sample(view.soft, view.pixels_at(height)[0]) >= 0.5, inside)
+    return height, inside & ~(lost & _seen_past(view, np.minimum(height, view.front), thickness_m))
+
+
+def _off_measured(view: FrontView) -> np.ndarray:
+    """How far the object's pixels (H, W) are from the nearest whose depth was measured [px]: too near for the camera, or beside what hides them from its
+    other eye; 0 off the object, and everywhere where none was measured."""
+    assert view.measured is not None
+    on_object = view.surface > 0
+    measured = on_object & (view.measured > 0)
+    return np.asarray(distance_transform_edt(~measured) * on_object) if measured.any() else np.zeros(on_object.shape)
 
 
 def _gone_on(height: np.ndarray, told: np.ndarray) -> np.ndarray:
@@ -151,21 +162,14 @@ def _gone_on(height: np.ndarray, told: np.ndarray) -> np.ndarray:
     return np.asarray(plane + nearest_known(height - plane, told))
 
 
-def _shown(view: FrontView, height: np.ndarray) -> np.ndarray:
-    """Cells (nx, ny) at whose `height` [m] the picture shows the object."""
-    cells = np.concatenate([view.raster.centres, height[..., None]], -1)
-    return np.asarray(sample(view.soft, view.camera.project(cells @ view.pose[:3, :3].T + view.pose[:3, 3])[0]) >= 0.5)
-
-
 def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.ndarray:
     """Cells (nx, ny) at whose back, which mirrors their front's `height` [m] in the mid-plane, what lies farther away is seen: nothing of the object is there,
     and what seemed its front is a side of it whose depth was lost. Measured depth tells a side by itself, and more finely than the mask does."""
     assert view.measured is not None
-    back = np.concatenate([view.raster.centres, (2 * view.front - thickness_m - height)[..., None]], -1)
-    pixels, depth = view.camera.project(back @ view.pose[:3, :3].T + view.pose[:3, 3])
     elsewhere = view.measured * (view.surface == 0)
     if not elsewhere.any():
         return np.zeros(height.shape, bool)
+    pixels, depth = view.pixels_at(2 * view.front - thickness_m - height)
     farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
     return np.asarray(farther & (sample(view.soft, pixels) < 0.5))
 

@@ -14,7 +14,7 @@ from ..types import Camera, Clip, object_mask
 from .edges import coverage
 from .end_face import lean_of_end
 from .frame import Clamp, body_pose, find_clamp, leaning, thickness_direction, up_direction
-from .silhouette import CELLS_PER_PIXEL, Raster, raster_over
+from .silhouette import CELLS_PER_PIXEL, Raster, projected, raster_over
 
 LEAST_PIXELS = 16
 SMOOTH_PX = 7  # over which a surface is taken to be straight; depth is averaged over as many pixels, so that noise has no memory of it
@@ -43,10 +43,13 @@ class FrontView:
     lean: float = 0.0  # of the clamped plane off its box face, about z [rad]
     behind_m: float = 0.0  # how far the clamped plane lies behind the line that was drawn for it
 
+    def pixels_at(self, height: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells at a height (nx, ny) or one for all [m]."""
+        return projected(self.raster, self.pose, self.camera, height)
+
     def front_pixels(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (nx, ny, 2) and depths (nx, ny) [m] of the raster's cells on the front face."""
-        cells = np.concatenate([self.raster.centres, np.full((*self.raster.shape, 1), self.front)], -1)
-        return self.camera.project(cells @ self.pose[:3, :3].T + self.pose[:3, 3])
+        """The same on the front face."""
+        return self.pixels_at(self.front)
 
 
 def mask_with_depth(labels: np.ndarray, depth0: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from tests.boxes import Box, bar, bar_settings, box_clip, oblique_camera, turned
 
 PIXEL_M = 0.0016
 HALF_WIDTH_M = 0.045
+BEFORE_IT = np.stack([np.full(40, -0.02), np.linspace(0.012, HALF_WIDTH_M, 40)], -1)  # below one side of an end that leans by 20 degrees
 BOX = [-0.02, -0.03, -0.045, 0.005, 0.03, 0.045]  # around an end of the bar that leans, up to 5 mm beyond its centre
 
 
@@ -87,6 +88,7 @@ def test_the_sides_of_a_narrow_bar_over_a_wide_box_are_no_part_of_its_end(degree
         (bar_points(1.0), "within what pixels make of a level end"),
         (bar_points(20.0, wave_m=0.012), "on no line"),
         (bar_points(20.0, wave_m=0.012, width_m=0.04), "on no line, of a narrow bar"),
+        (np.concatenate([bar_points(20.0), BEFORE_IT]), "what lies before a part of it"),
         (bar_points(20.0, shift_m=0.02), "beyond the told face"),
         (bar_points(20.0)[:0], "nothing seen"),
         (bar_points(55.0), "more than a clamp leans"),

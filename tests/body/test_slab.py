@@ -11,7 +11,7 @@ import pytest
 
 from diffphys_ros.body import build_body
 from diffphys_ros.body.edges import coverage
-from diffphys_ros.body.solid import local_half_width
+from diffphys_ros.body.solid import _gone_on, local_half_width
 from diffphys_ros.body.view import front_level, height_noise
 from diffphys_ros.config import Settings
 from diffphys_ros.depth import surface_depth
@@ -24,6 +24,13 @@ PIXEL_M = 0.0016  # of the oblique camera on the bar
 
 def solid(clip: Clip, settings: Settings) -> Body:
     return build_body(clip, surface_depth(clip, settings)[0], settings)
+
+
+def places(clip: Clip) -> np.ndarray:
+    """Where the pixels of frame 0 lie in the world [m], (H, W, 3)."""
+    assert clip.depth is not None
+    pixels = np.stack(np.meshgrid(np.arange(clip.camera.width), np.arange(clip.camera.height)), -1).astype(float)
+    return clip.camera.backproject(pixels, clip.depth[0].astype(float))
 
 
 @pytest.fixture(scope="module")
@@ -139,13 +146,6 @@ def test_a_mask_that_takes_in_the_edge_of_a_nearer_mount_does_not_make_the_body_
     assert body.volume_m3 == pytest.approx(bar().volume, rel=0.025)
 
 
-def places(clip: Clip) -> np.ndarray:
-    """Where the pixels of frame 0 lie in the world [m], (H, W, 3)."""
-    assert clip.depth is not None
-    pixels = np.stack(np.meshgrid(np.arange(clip.camera.width), np.arange(clip.camera.height)), -1).astype(float)
-    return clip.camera.backproject(pixels, clip.depth[0].astype(float))
-
-
 @pytest.mark.parametrize("beside", [True, False])
 def test_sides_whose_depth_is_lost_are_no_part_of_the_front(clip: Clip, usual: Body, beside: bool) -> None:
     """As a stereo camera loses it where depth steps; `beside`: of the scene next to the body as well."""
@@ -158,6 +158,31 @@ def test_sides_whose_depth_is_lost_are_no_part_of_the_front(clip: Clip, usual: B
     body = solid(replace(clip, depth=np.where(lost, 0, clip.depth).astype(np.float32)), bar_settings())
     assert body.volume_m3 == pytest.approx(bar().volume, rel=0.015)
     assert edges(body) == pytest.approx(edges(usual), abs=PIXEL_M / 2)
+
+
+def test_a_side_is_not_cut_off_where_what_may_hide_its_back_is_nearer(clip: Clip, usual: Body) -> None:
+    assert clip.labels is not None
+    assert clip.depth is not None
+    mask = clip.labels[0] > 0
+    lost = mask & (places(clip)[..., 1] > -0.022)
+    depth = np.where(mask, np.where(lost, 0, clip.depth), 0.5 * clip.depth[0][mask].min()).astype(np.float32)
+    body = solid(replace(clip, depth=depth), bar_settings())
+    assert np.ptp(edges(body)[:, 1]) > np.ptp(edges(usual)[:, 1]) + 2 * PIXEL_M
+
+
+def test_a_surface_of_which_no_depth_was_measured_is_a_body_all_the_same(clip: Clip, usual: Body) -> None:
+    """Its depth comes from elsewhere; the camera's is of the scene alone."""
+    assert clip.labels is not None
+    assert clip.depth is not None
+    around = np.where(clip.labels > 0, 0, clip.depth).astype(np.float32)
+    body = build_body(replace(clip, depth=around), surface_depth(clip, bar_settings())[0], bar_settings())
+    assert body.volume_m3 == pytest.approx(usual.volume_m3, rel=0.01)
+
+
+def test_a_curved_front_goes_on_from_where_it_was_measured() -> None:
+    height = 0.01 * np.linspace(-1, 1, 100)[:, None] ** 2 * np.ones(40)
+    told = np.arange(100)[:, None] * np.ones(40) < 94
+    assert np.abs(_gone_on(np.where(told, height, 1.0), told) - height).max() < 2.5e-3  # six cells of its own slope; the nearest plane is 7 mm off
 
 
 def test_an_end_that_is_too_near_for_the_depth_camera_is_as_wide_as_the_picture_shows_it(clip: Clip, usual: Body) -> None:
