@@ -17,6 +17,8 @@ LEAST_FOUND = 0.5  # of the points that held in the frame before; with fewer the
 LEAP = 3.0  # of the points' box, within which it is looked for
 COARSE = 4  # pixels side by side that count as one, so that an object that turns or comes nearer still looks like itself
 LEAST_LIKENESS = 0.35  # correlation with the frame before at which it counts as found: chance gives a tenth, a block that turns by 2 degrees .49
+TURNED, SWOLLEN = np.radians(12.0), 0.25  # by which an object has turned, and come nearer or gone, from where on frame 0 is turned along before patches are compared: a patch that stays level loses it at 15 to 20 degrees
+TURN_ROUNDS, LEAST_OFF_PX = 6, 1e-3  # of reweighting, and deviation below which all weigh alike
 RIGIDITY_PX2 = 2.0  # added to their second moment: where they lie in a line, a point moves along with them and no more
 
 
@@ -75,16 +77,25 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
         frames = (images[0], images[last], images[k])
         found, good = _followed(frames, pixels[last], pixels[last], start, matching)
         if good.sum() < LEAST_FOUND * valid[last].sum():
-            leap = whole_shift(images[last], images[k], pixels[last][valid[last]])
-            leapt = (found, good) if leap is None else _followed(frames, pixels[last], (pixels[last] + leap).astype(np.float32), start, matching)
-            found, good = max((found, good), leapt, key=lambda answer: int(answer[1].sum()))
+            others = _farther(frames, pixels[max(2 * last - k, 0)], pixels[last], valid[last])
+            answers = [(found, good), *(_followed(frames, pixels[last], guess, start, matching) for guess in others)]
+            found, good = max(answers, key=lambda answer: int(answer[1].sum()))
         if AROUND <= good.sum() < len(good):
             lost = np.flatnonzero(~good)
             expected = (start[lost] + affine_motion(start[lost], start[good], (found - start)[good])[0]).astype(np.float32)
             found[lost], good[lost] = _found(images[0], images[k], start[lost], expected, matching)
-            good = _agreeing(start, found - start, good)
+            good = _agreeing(start, found, _turn(start[good], found[good]), good)
         pixels[k], valid[k], last = found, good, k
     return pixels, valid
+
+
+def _farther(frames: tuple[np.ndarray, np.ndarray, np.ndarray], before: np.ndarray, at: np.ndarray, holds: np.ndarray) -> list[np.ndarray]:
+    """Where points `at` (M, 2) of the second of three frames may have gone in the third, farther than patches reach: with the whole of those that hold
+    (M,), which is looked for, and as they came from where they were `before` (M, 2), as long a time ago."""
+    leap = whole_shift(frames[1], frames[2], at[holds])
+    step = _similarity(before[holds], at[holds]) if holds.any() else np.eye(2, 3)
+    guesses = [at @ step[:, :2].T + step[:, 2], *([] if leap is None else [at + leap])]
+    return [guess.astype(np.float32) for guess in guesses]
 
 
 def affine_motion(at: np.ndarray, points: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,10 +135,54 @@ def _round_trip(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray,
 
 def _found(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
     """Positions (M, 2) in an image of points of the first, near where they are predicted, and which are trusted; else the prediction."""
-    there, error = _round_trip(first, image, start, predicted, matching, 1)
+    motion = _turn(start, predicted)
+    if motion is not None:
+        first = cv2.warpAffine(first, motion, first.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    there, error = _round_trip(first, image, _moved_by(motion, start), predicted, matching, 1)
     good = (error < matching.round_trip_px) & (np.linalg.norm(there - predicted, axis=1) < LARGEST_JUMP_PX)
-    good = _agreeing(start, there - start, good)
+    good = _agreeing(start, there, motion, good)
     return np.where(good[:, None], there, predicted), good
+
+
+def _turn(start: np.ndarray, moved: np.ndarray) -> np.ndarray | None:
+    """The affine motion (2, 3) of all points (M, 2) to where they have moved (M, 2); None where they have hardly turned."""
+    motion = _motion_of_all(start, moved)
+    angle, scale = np.arctan2(motion[1, 0] - motion[0, 1], motion[0, 0] + motion[1, 1]), np.linalg.det(motion[:, :2])
+    return motion if scale > 0 and (abs(angle) > TURNED or abs(np.log(scale)) > SWOLLEN) else None
+
+
+def _moved_by(motion: np.ndarray | None, points: np.ndarray) -> np.ndarray:
+    return points if motion is None else (points @ motion[:, :2].T + motion[:, 2]).astype(np.float32)
+
+
+def _motion_of_all(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """The affine motion (2, 3) that takes points (M, 2) near where they have moved (M, 2), by least absolute deviations; of points in a line, a turn."""
+    turn = _similarity(points, moved)
+    there = points @ turn[:, :2].T + turn[:, 2]
+    weight = np.ones(len(points))
+    for _ in range(TURN_ROUNDS):
+        share = weight / weight.sum()
+        left, slope = affine_fit(share[None] @ there, there[None], (moved - there)[None], share[None], stiffness_px2=RIGIDITY_PX2)
+        fitted = there + left + (there - share @ there) @ slope[0].T
+        off = np.linalg.norm(moved - fitted, axis=1)
+        weight = 1 / np.maximum(off, max(float(np.median(off)), LEAST_OFF_PX))
+    along = (np.eye(2) + slope[0]) @ turn
+    return np.column_stack([along[:, :2], along[:, 2] + left[0] - slope[0] @ (share @ there)])
+
+
+def _similarity(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """The turn, scale and shift (2, 3) that take points (M, 2) near where they have moved (M, 2): by least absolute deviations."""
+    arm, there = (a.astype(float) @ np.array([1.0, 1j]) for a in (points, moved))
+    weight = np.ones(len(arm))
+    turn, shift = 1.0 + 0j, 0j
+    for _ in range(TURN_ROUNDS):
+        centre, mean = (np.average(a, weights=weight) for a in (arm, there))
+        power = (weight * np.abs(arm - centre) ** 2).sum()
+        turn = (weight * np.conj(arm - centre) * (there - mean)).sum() / power if power > RIGIDITY_PX2 else 1.0 + 0j
+        shift = mean - turn * centre
+        off = np.abs(turn * arm + shift - there)
+        weight = 1 / np.maximum(off, max(float(np.median(off)), LEAST_OFF_PX))
+    return np.array([[turn.real, -turn.imag, shift.real], [turn.imag, turn.real, shift.imag]])
 
 
 def _followed(
@@ -161,7 +216,9 @@ def whole_shift(image: np.ndarray, later: np.ndarray, points: np.ndarray) -> np.
     return COARSE * np.array(place, float) + first - low if best >= LEAST_LIKENESS else None
 
 
-def _agreeing(start: np.ndarray, displacement: np.ndarray, good: np.ndarray) -> np.ndarray:
+def _agreeing(start: np.ndarray, there: np.ndarray, motion: np.ndarray | None, good: np.ndarray) -> np.ndarray:
+    """Which good points move as those around them do, beside a motion of all."""
+    displacement = there - _moved_by(motion, start)
     return good & (np.linalg.norm(displacement - neighbour_median(start, displacement, good), axis=1) < LARGEST_ODDITY_PX)
 
 

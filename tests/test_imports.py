@@ -16,7 +16,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "ways", "colours", "hooke"}
-SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
+SHARED = {"matching", "rigid_motion", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}

@@ -70,6 +70,11 @@ class Scene:
         """Whether it is said where a floor lies."""
         return self.floor_z_m is not None or self.floor_px is not None
 
+    @property
+    def thrown(self) -> bool:
+        """Whether nothing holds the object, above a floor that is told."""
+        return self.tells_floor and not self.tells_clamp
+
 
 @dataclass(frozen=True)
 class FrameSettings:

@@ -12,6 +12,7 @@ from ..types import Body, Clip, Doubt, StartValues, Tracks
 from ..vibration.continuity import jump_after, moving_at_first, swings_off_rest
 from ..vibration.coordinates import Motion, observe
 from ..vibration.held import swings_as_a_whole
+from .prepared import bounces
 
 if TYPE_CHECKING:
     from ..tracks import CameraMotion
@@ -23,9 +24,9 @@ def doubts_of(clip: Clip, tracks: Tracks, body: Body, start: StartValues, settin
     """What is to be doubted, worst first; empty for a sound recording. `moved`: how the camera did, None where it stood."""
     if moved is not None:
         return (Doubt(moved.sentence(), of_young=True),)  # what else the tracks seem to say is the camera's
-    if not body.clamped and settings.scene.tells_floor:
-        text = "nothing holds the object and a floor is told: what it does there depends on when and where it touches, which the modes of a free body leave out"
-        return (Doubt(f"{text}; tell what holds it (scene.clamp_box_m, clamp_px), or leave the floor out where it never touches", of_young=True),)
+    if bounces(body, settings.scene):
+        text = "nothing holds the object and a floor is told: what moves it there is the floor, when and where it touches, which no force that was found has in it"
+        return (Doubt(f"{text}; tell what holds it (scene.clamp_box_m, clamp_px), or leave the floor out where it never touches", of_young=False),)
     slow = _too_slow(body, start, length_told=settings.scene.size_m is not None or clip.depth is not None)
     if slow:
         return slow

@@ -14,11 +14,12 @@ from ..errors import InputError, shown
 from ..progress import Progress, waiting
 from ..types import Body, Clip, Scale, StartValues, Swing, Tracks, object_mask
 from ..vibration.rest import Rest, rest_of
+from .floor import floor_of
 from .law import law_to_fit
 from .material_prior import believed, describe_prior, of_parts, parted
 from .outlined import outlined, with_hanging
 from .placement import at_rest, shown_at_rest
-from .prepared import LEAST_FRAMES, Prepared
+from .prepared import LEAST_FRAMES, Prepared, bounces
 from .stages import require_schedule
 from .swing import swing_of
 
@@ -75,7 +76,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
     """Labels, depth, tracks, body, start values, for which the search begins `guess_scale` times off. Yields news, returns Prepared."""
     from ..depth import placed
     from ..prior import believing
-    from ..start import freed_values, joint_values, joint_wanted, parted_by_stiffness, start_values
+    from ..start import freed_values, joint_values, joint_wanted, landed_values, parted_by_stiffness, start_values
     from .doubts import doubts_of
     from .zones import zones_of
 
@@ -99,8 +100,12 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
         yield Progress("body", text=describe_prior(prior))
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
-    start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief, guess_scale=guess_scale)
-    if joint_wanted(start, settings):
+    floor = floor_of(body, body.front.points, settings.scene, clip.camera) if bounces(body, settings.scene) else None
+    if floor is not None:
+        start, modal = landed_values(body, tracks, clip.period_s, settings, floor, camera=clip.camera)
+    else:
+        start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief, guess_scale=guess_scale)
+    if floor is None and joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
         freed = freed_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera) if settings.experiment.schedule == "auto" else None
@@ -163,7 +168,7 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     try:
         held = on_tripod(clip, followed(clip), followed)
     except LostError:
-        if by_outline or clip.depth is None or not _thrown(settings.scene):
+        if by_outline or clip.depth is None or not settings.scene.thrown:
             raise
         clip = replace(clip, notes=(*clip.notes, TURNS))
         held = OnTripod(clip, carried(clip, depth0, spacing_px=settings.experiment.track_spacing_px), None)
@@ -180,11 +185,6 @@ def _by_points(clip: Clip, settings: Settings) -> Generator[Progress, None, tupl
     else:
         held, body = _built_at_rest(held, rest, settings)
     return held, depth0, source, replace(body, sources=body.sources | {"metric_scale": source.scale})
-
-
-def _thrown(scene: Scene) -> bool:
-    """Whether nothing holds the object, above a floor that is told."""
-    return scene.tells_floor and not scene.tells_clamp
 
 
 def _rest_of(tracks: Tracks, period_s: float, scene: Scene) -> Rest | None:
@@ -205,11 +205,11 @@ def _built_at_rest(held: OnTripod, rest: Rest, settings: Settings) -> tuple[OnTr
 
 
 def _plain(clip: Clip, settings: Settings) -> bool:
-    """Whether the object's outline is followed from frame 0 on, where it rests."""
+    """Whether the object's outline is followed from frame 0 on, where it rests: of what is thrown, points are, for its outline is another one when it has turned."""
     from ..outline import plain_at_first
 
     wanted = settings.tracks.evidence
-    return wanted == "outline" or (wanted == "auto" and plain_at_first(clip, settings))
+    return wanted == "outline" or (wanted == "auto" and not settings.scene.thrown and plain_at_first(clip, settings))
 
 
 def describe_start(start: StartValues, scale: Scale) -> str:

@@ -7,11 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import shapes
+from ..config import Scene
 from ..modes.model import ModalModel
 from ..start.zones import Zoned
 from ..types import Body, Clip, Doubt, Hanging, MaterialPrior, StartValues, Tracks
 
 LEAST_FRAMES = 8  # fewer cannot show an oscillation
+
+
+def bounces(body: Body, scene: Scene) -> bool:
+    """Whether nothing holds a body above a floor that is told: what it does there depends on when and where it touches."""
+    return scene.tells_floor and not body.clamped
 
 
 @dataclass(frozen=True)

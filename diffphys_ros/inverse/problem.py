@@ -35,7 +35,7 @@ from .unknowns import Layout, checked_hold
 
 MISSING = 0.1  # share of the motion missed by linear modes from which their forced frames are taken with a margin
 MARGIN = 2  # frames on either side
-INITIAL_MODES = 4  # modal coordinates of an unknown initial motion
+INITIAL_MODES, RIGID_MODES = 4, 6  # modal coordinates of an unknown initial motion, and those that move a body as a whole, which nothing holds
 SHIFTS = np.linspace(-0.5, 0.5, 11)  # of log E, tried where the start values may lie in a wrong valley
 RIDGE = 1e-6  # curvature of the loss that is taken for certain in every direction: what nobody sees stays as it is
 
@@ -93,7 +93,7 @@ def problem_on(
     """The problem on a grid that there is already, whatever the start values are."""
     clip, body, device = prepared.clip, prepared.body, usable(settings.fit.device)
     start = scaled_start(with_wider_support(prepared.start), start_scale / disc.apparent)
-    initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES, prepared.modal.modes)
+    initial_modes = 0 if settings.scene.at_rest else min(INITIAL_MODES if body.clamped else RIGID_MODES, prepared.modal.modes)
     force_unit = acceleration_scale(prepared.tracks, clip.period_s) * float(body.density.mean())
     held = checked_hold(settings.fit.hold) | (UNKNOWN_TO_MODES if not settings.experiment.simulates else frozenset())
     layout = Layout.of(start, body, force_unit=force_unit * _concentration(prepared), initial_modes=initial_modes, motion_unit=_motion_unit(prepared), held=held)

@@ -17,7 +17,7 @@ from .choice import answered, verdict
 from .clock import Clock
 from .fit import ended, fit
 from .model import Model
-from .prepared import Prepared
+from .prepared import Prepared, bounces
 from .prescribed import prescribed, push_as_told, told_by
 from .problem import Problem, pose_problem
 from .published import as_published
@@ -65,8 +65,13 @@ def solve(
 
 
 def suited(prepared: Prepared, settings: Settings) -> Settings:
-    """With the schedule that auto stands for where an outline was followed: its small motions are linear."""
-    if prepared.hanging is None or settings.experiment.schedule != "auto":
+    """With the schedule that auto stands for where an outline was followed: its small motions are linear. Of what bounces on a floor the modulus is that of
+    the first answer, for the bounces tell more of the floor than of it."""
+    if settings.experiment.schedule != "auto":
+        return settings
+    if bounces(prepared.body, settings.scene):
+        return replace(settings, fit=replace(settings.fit, hold=[*dict.fromkeys((*(settings.fit.hold or ()), "young"))]))
+    if prepared.hanging is None:
         return settings
     return replace(settings, experiment=replace(settings.experiment, schedule="linear"))
 

@@ -228,10 +228,10 @@ def _guess(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
 
 
 def _standing(fit: Fit, young: np.ndarray, elements: Elements) -> Fit:
-    """`young`, made stiffer as far as the body needs it in order not to buckle under its weight."""
+    """`young`, made stiffer as far as the body needs it in order not to buckle under its weight; what nothing holds falls, and does not."""
     modal = fit.evidence.basis(elements, young, NARROW_RATIOS)
     for _ in range(STIFFENINGS):
-        if modal.eigen(young)[0][0] > 0:
+        if not fit.evidence.body.clamped or modal.eigen(young)[0][0] > 0:
             break
         young = 2.0 * young
         modal = fit.evidence.basis(elements, young, NARROW_RATIOS)

@@ -12,6 +12,7 @@ from .coherence import settled
 from .lift import points_from_depth, points_on_planes, without_oddities
 from .noise import displacement_noise, position_sd, track_residuals
 from .refine import refined
+from .turning import turned_back
 
 MOST_TRACKS = 500
 LEAST_TRACKS = 8
@@ -49,12 +50,13 @@ def follow(clip: Clip, depth0: np.ndarray, settings: Settings) -> Tracks:
             f"{clip.source or 'clip'}: {int(keep.sum())} surface points could be followed, at least {LEAST_TRACKS} are needed; "
             "film a textured object larger in the image, or raise experiment.track_round_trip_px"
         )
-    residual = track_residuals(points[:, keep], valid[:, keep])
+    judged = _without_turn(points, valid, settings)
+    residual = track_residuals(judged[:, keep], valid[:, keep])
     keep = np.flatnonzero(keep)[residual <= LARGEST_RESIDUAL * np.median(residual)]
-    points, valid = points[:, keep], valid[:, keep]
+    points, judged, valid = points[:, keep], judged[:, keep], valid[:, keep]
     by_patch = spread[:, keep] * clip.camera.project(points[0])[1] / clip.camera.focal_px
-    sd = position_sd(points, valid, by_patch, clip.camera.position, along=clip.depth is not None)
-    return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(points, valid), sd)
+    sd = position_sd(judged, valid, by_patch, clip.camera.position, along=clip.depth is not None)
+    return Tracks(pixels[:, keep], points, valid, clip.depth is not None, displacement_noise(judged, valid), sd)
 
 
 def follow_on(clip: Clip, tracks: Tracks, depth0: np.ndarray, settings: Settings) -> Tracks:
@@ -76,8 +78,14 @@ def _followed(clip: Clip, start: np.ndarray, mask: np.ndarray, depth0: np.ndarra
     pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=window_px)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
     valid = without_oddities(points, valid)
-    points, valid = settled(clip, points, valid)
+    still, valid = settled(clip, _without_turn(points, valid, settings), valid)
+    points[0] = still[0]
     return pixels, points, valid, spread
+
+
+def _without_turn(points: np.ndarray, valid: np.ndarray, settings: Settings) -> np.ndarray:
+    """Positions (T, M, 3) [m] in which points are judged by how others move: of an object that nothing holds, as seen by who turns along."""
+    return turned_back(points, valid) if settings.scene.thrown else points
 
 
 def _lifted(clip: Clip, pixels: np.ndarray, valid: np.ndarray, depth0: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

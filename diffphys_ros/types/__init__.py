@@ -4,12 +4,13 @@ Frames of reference: `world` is the root of the camera's transform tree (z up wh
 optical frame (x right, y down, z forward; REP-103), `body` the object's own frame (see Body). `a_from_b` maps
 coordinates of b to coordinates of a. Pixel centres lie at integer coordinates.
 
-Reading order: poses, camera, labels, clip, tracks, outline, body, particles, prior, splats, start, initial_value, scale, recovery.
+Reading order: poses, camera, labels, clip, tracks, outline, body, floor, particles, prior, splats, start, initial_value, scale, recovery.
 """
 
 from .body import Body, Front
 from .camera import Camera
 from .clip import Clip, Doubt, Thickness
+from .floor import Floor
 from .initial_value import PROBLEMS, ModalProblem, MpmProblem
 from .labels import IGNORE, object_mask
 from .outline import Hanging, Swing
@@ -30,6 +31,7 @@ __all__ = [
     "Camera",
     "Clip",
     "Doubt",
+    "Floor",
     "Front",
     "Grid",
     "Hanging",
