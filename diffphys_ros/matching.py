@@ -17,7 +17,7 @@ LEAST_FOUND = 0.5  # of the points that held in the frame before; with fewer the
 LEAP = 3.0  # of the points' box, within which it is looked for
 COARSE = 4  # pixels side by side that count as one, so that an object that turns or comes nearer still looks like itself
 LEAST_LIKENESS = 0.35  # correlation with the frame before at which it counts as found: chance gives a tenth, a block that turns by 2 degrees .49
-TURNED, SWOLLEN = np.radians(12.0), 0.25  # by which an object has turned, and come nearer or gone, from where on frame 0 is turned along before patches are compared: a patch that stays level loses it at 15 to 20 degrees
+TURNED = np.radians(12.0)  # by which an object has turned, from where on frame 0 is turned along before patches are compared: a patch that stays level loses it at 15 to 20 degrees
 TURN_ROUNDS, LEAST_OFF_PX = 6, 1e-3  # of reweighting, and deviation below which all weigh alike
 RIGIDITY_PX2 = 2.0  # added to their second moment: where they lie in a line, a point moves along with them and no more
 
@@ -147,8 +147,8 @@ def _found(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: n
 def _turn(start: np.ndarray, moved: np.ndarray) -> np.ndarray | None:
     """The affine motion (2, 3) of all points (M, 2) to where they have moved (M, 2); None where they have hardly turned."""
     motion = _motion_of_all(start, moved)
-    angle, scale = np.arctan2(motion[1, 0] - motion[0, 1], motion[0, 0] + motion[1, 1]), np.linalg.det(motion[:, :2])
-    return motion if scale > 0 and (abs(angle) > TURNED or abs(np.log(scale)) > SWOLLEN) else None
+    angle = np.arctan2(motion[1, 0] - motion[0, 1], motion[0, 0] + motion[1, 1])
+    return motion if np.linalg.det(motion[:, :2]) > 0 and abs(angle) > TURNED else None
 
 
 def _moved_by(motion: np.ndarray | None, points: np.ndarray) -> np.ndarray:
