@@ -90,11 +90,11 @@ def _solved(
         splats = yield from fit_gaussians(prepared.clip, prepared.depth0, settings, behind=behind)
     may = may_carry(prepared, settings)
     first, ends = settings, clock
-    if may and modes_miss(prepared, settings):
+    if may and modes_miss(prepared):
         settings, clock = lengthened(settings, clock)
         first, ends = shortened(settings, clock)
     recovery = yield from solve(prepared, splats, first, behind=behind, checkpoint=checkpoint, clock=ends, start_scale=start_scale)
-    if may and calls_for_fields(prepared, recovery, settings):
+    if may and calls_for_fields(prepared, recovery):
         settings, clock = lengthened(settings, clock)
         prepared, splats, recovery, behind = yield from carried_by_fields(prepared, splats, recovery, behind, settings, clock)
     splats, behind, recovery = yield from uncover(prepared, splats, recovery, settings, behind=behind, clock=clock)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..config import Scene
 from ..start.values import explained_badly
 from ..types import Recovery, StartValues
 from .answer import Core, assemble, linear_answer, simulated_answer
@@ -20,7 +19,7 @@ from .loss import Terms
 from .net_force import linear_twin, missed_of_frame, with_doubt
 from .observed import displacement_scale
 from .posterior import Confidence, Explained, of_answer
-from .prepared import Prepared, bounces
+from .prepared import Prepared
 from .problem import Problem
 from .published import unidentified
 from .second_reading import as_start
@@ -84,7 +83,7 @@ def answered(fitted: Fitted, clock: Clock) -> Recovery:
     confidence = _confidence(problem, best)
     found = _assembled(problem, best, confidence, metrics)
     said = dict.fromkeys((metrics["not_simulated"], clock.stopped))
-    if worse_than_still(found, problem.prepared, problem.settings.scene):
+    if worse_than_still(found, problem.prepared):
         still = _still(problem)
         stands = _assembled(problem, still, confidence, of_still(metrics, still))
         if _psnr(stands, problem.prepared)[0] > _psnr(found, problem.prepared)[0]:
@@ -100,17 +99,16 @@ def _assembled(problem: Problem, best: Candidate, confidence: Confidence, metric
     return with_doubt(made, problem.prepared, problem.settings, best.start, seen=linear_twin(problem, best.start), missed_m=missed_m)
 
 
-def unexplained(prepared: Prepared, recovery: Recovery, scene: Scene) -> bool:
-    """Whether an answer misses much of the motion, and tells no stiffness or one that does not hang on the motion as a whole."""
+def unexplained(prepared: Prepared, recovery: Recovery) -> bool:
+    """Whether an answer tells no stiffness and misses much of the motion."""
     missed = np.sqrt(3) * float(recovery.metrics["track_rms_m"])  # type: ignore[arg-type]
-    open_ = not recovery.identified.any() or bounces(prepared.body, scene)
-    return open_ and explained_badly(missed, prepared.tracks.noise_m, displacement_scale(prepared.tracks))
+    return not recovery.identified.any() and explained_badly(missed, prepared.tracks.noise_m, displacement_scale(prepared.tracks))
 
 
-def worse_than_still(recovery: Recovery, prepared: Prepared, scene: Scene) -> bool:
+def worse_than_still(recovery: Recovery, prepared: Prepared) -> bool:
     """Whether an answer that explains little shows the video worse than its first frame does, where the object moves: before that, the first frame
     is what the video shows, and no rendering comes as near."""
-    if recovery.frames is None or not unexplained(prepared, recovery, scene):
+    if recovery.frames is None or not unexplained(prepared, recovery):
         return False
     own, frozen = _psnr(recovery, prepared)
     return own < frozen

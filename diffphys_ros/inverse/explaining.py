@@ -40,22 +40,22 @@ IN_VAIN = "fields, which would carry the video, were stopped before they showed 
 Carried = tuple[Prepared, Splats, Recovery, np.ndarray]  # the last: the scene behind the object, uint8 (H, W, 3)
 
 
-def calls_for_fields(prepared: Prepared, recovery: Recovery, settings: Settings) -> bool:
+def calls_for_fields(prepared: Prepared, recovery: Recovery) -> bool:
     """Whether an answer leaves unexplained what pictures show."""
-    return recovery.frames is not None and unexplained(prepared, recovery, settings.scene)
+    return recovery.frames is not None and unexplained(prepared, recovery)
 
 
 def may_carry(prepared: Prepared, settings: Settings) -> bool:
-    """Whether fields may carry the video: where nobody asked for another fit, and the body is that of frame 0."""
+    """Whether fields may carry the video: where nobody asked for another fit, and the body is that of frame 0. What bounces is moved by a floor that is
+    told: a simulation with it has the motion, fields without it have pictures alone."""
     asked = settings.experiment.schedule != "auto" or settings.fit.iterations or settings.fit.hold is not None or fields_wanted(settings)
-    return not asked and prepared.hanging is None and prepared.tracks.first is None
+    return not asked and prepared.hanging is None and prepared.tracks.first is None and not bounces(prepared.body, settings.scene)
 
 
-def modes_miss(prepared: Prepared, settings: Settings) -> bool:
-    """Whether the start values miss much of the motion, and tell no stiffness or one that does not hang on the motion as a whole."""
+def modes_miss(prepared: Prepared) -> bool:
+    """Whether the start values tell no stiffness and miss much of the motion."""
     start, size = prepared.start, displacement_scale(prepared.tracks)
-    open_ = not start.identified.any() or bounces(prepared.body, settings.scene)
-    return open_ and explained_badly(start.track_cost**0.5 * size, prepared.tracks.noise_m, size)
+    return not start.identified.any() and explained_badly(start.track_cost**0.5 * size, prepared.tracks.noise_m, size)
 
 
 def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, behind: np.ndarray, settings: Settings, clock: Clock) -> Generator[Progress, None, Carried]:
@@ -74,8 +74,7 @@ def carried_by_fields(prepared: Prepared, splats: Splats, recovery: Recovery, be
     before, after = (float(each.metrics["psnr_masked"]) for each in (recovery, found[2]))  # type: ignore[arg-type]
     yield Progress("fields", text=f"PSNR {after:.1f} dB by fields, {before:.1f} without")
     if after > before:
-        own = _with_stiffness(found[2], recovery) if bounces(prepared.body, settings.scene) else found[2]
-        return *found[:2], _told(found[0], own, recovery), found[3]
+        return *found[:2], _told(found[0], found[2], recovery), found[3]
     if found[2].metrics["stopped_by_budget"]:
         return prepared, splats, replace(recovery, notes=(*recovery.notes, IN_VAIN.format(clock.limit_s))), behind
     return kept
@@ -131,18 +130,8 @@ def _as_sheet(prepared: Prepared, asked: Settings) -> Generator[Progress, None, 
     return replace(prepared, body=body, start=start, modal=modal, prior=prior, zones=None)
 
 
-def _with_stiffness(recovery: Recovery, before: Recovery) -> Recovery:
-    """The answer by fields with the stiffness of the one before, of one material: it was told otherwise than by the motion that these fields explain on
-    another."""
-    if max(len(before.identified), len(recovery.identified)) > 1:
-        return recovery
-    first = np.zeros(len(recovery.young), int)
-    young, sd, lower = before.young[first], before.log10_young_sd[first], before.young_lower[first]
-    return replace(recovery, young=young, log10_young_sd=sd, young_lower=lower, log10_specific_sd=before.log10_specific_sd[first], identified=before.identified)
-
-
 def _told(prepared: Prepared, recovery: Recovery, before: Recovery) -> Recovery:
-    """The answer by fields, with the reasons of the one before."""
+    """The answer by fields, with the reasons why nothing was identified before."""
     n = len(recovery.identified)
     reasons = before.reasons if len(before.reasons) == n else (before.reasons[0],) * n
     confidence = Confidence(recovery.log10_young_sd, recovery.identified, reasons, recovery.young_lower, False, CARRIED)

@@ -42,11 +42,17 @@ def test_nothing_takes_the_place_of_a_fit_that_was_asked_for(prepared: Prepared,
     assert not may_carry(prepared, build(asked))
 
 
+def test_what_bounces_on_a_floor_is_not_carried_by_fields(prepared: Prepared) -> None:
+    above = build({"scene.floor_z_m": -1.0})
+    assert may_carry(prepared, above), "a clamp holds it"
+    assert not may_carry(replace(prepared, body=replace(prepared.body, clamped=False)), above)
+
+
 def test_time_is_left_for_fields_where_modes_miss_the_motion_and_tell_no_stiffness(prepared: Prepared) -> None:
     start = replace(prepared.start, track_cost=0.25, identified=np.zeros(2, bool))
-    assert modes_miss(replace(prepared, start=start), build({}))
-    assert not modes_miss(replace(prepared, start=replace(start, track_cost=1e-4)), build({}))
-    assert not modes_miss(replace(prepared, start=replace(start, identified=np.ones(2, bool))), build({}))
+    assert modes_miss(replace(prepared, start=start))
+    assert not modes_miss(replace(prepared, start=replace(start, track_cost=1e-4)))
+    assert not modes_miss(replace(prepared, start=replace(start, identified=np.ones(2, bool))))
     settings, clock = shortened(build({"fit.time_budget_s": 100.0}), Clock(100.0))
     assert settings.fit.time_budget_s == clock.limit_s == 50.0
     assert shortened(build({}), Clock())[1].limit_s == np.inf
@@ -107,7 +113,7 @@ def test_a_clip_that_modes_explain_keeps_its_time_and_what_fields_may_carry_has_
         return told
 
     named = lambda args, words: (next(a for a in args if hasattr(a, "fit")), words["clock"])  # noqa: E731
-    monkeypatch.setattr(inverse, "modes_miss", lambda *_: missed)
+    monkeypatch.setattr(inverse, "modes_miss", lambda _: missed)
     monkeypatch.setattr(inverse, "calls_for_fields", lambda *_: unexplained)
     monkeypatch.setattr(inverse, "solve", step(None, named))
     monkeypatch.setattr(inverse, "carried_by_fields", step((prepared, None, None, None), lambda args, _: args[-2:]))

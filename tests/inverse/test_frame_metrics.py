@@ -66,9 +66,9 @@ def test_standing_still_is_compared_where_the_object_moves(case: tuple[Prepared,
     own, frozen = (np.mean([psnr_masked(shown[k], clip.frames[k], clip.labels[k] > 0) for k in range(1, len(clip))]) for shown in (rendered, clip.frames[[0] * len(clip)]))
     near = replace(recovery, identified=np.zeros(len(recovery.identified), bool), metrics=recovery.metrics | {"track_rms_m": 1.0})
     assert own < frozen
-    assert not worse_than_still(near, prepared, build({}).scene)
+    assert not worse_than_still(near, prepared)
     far = np.where(rendered < 128, rendered + 40, rendered - 40).astype(np.uint8)
-    assert worse_than_still(replace(near, frames=far), prepared, build({}).scene)
+    assert worse_than_still(replace(near, frames=far), prepared)
 
 
 def test_pixels_that_an_arm_hides_do_not_count(case: tuple[Prepared, Recovery]) -> None:
