@@ -27,7 +27,7 @@ from .values import GUESS_SD, WIDEST_SD, everywhere, supported, values_under
 
 LEAST_POINTS, LEAST_SHARE = 8, 0.2  # of the points, that must hold in a frame for it to tell where the body is [chosen]
 LIES_DEG = 3.0  # by which a body turns at most that lies [chosen]
-GIVES_LOG10, GIVES_SD = 0.02, 0.03  # of log10 E, by which floor and foot give: they make what stands on them slower, never faster [chosen]
+SINKS_M = 1.5e-4  # by which floor and foot give under the body's weight, and the standard deviation of that: they make what stands on them slower, never faster [chosen]
 LASTS_LOG10, LASTS_SD = 0.15, 0.2  # of log10 E over what a contact of one wave's time says: one lasts one to two times as long [chosen]
 LIKELIER = 20.0  # times, of a ring and its mirror about half the frame rate, by how long the contact was, for one to be told [chosen]
 RIGID_HZ = 0.5  # below which a mode of a body that nothing holds is a motion of the whole [numerical]
@@ -176,8 +176,9 @@ def _by_ring(body: Body, tracks: Tracks, period_s: float, floor: Floor, elements
     natural = np.hypot(hz, ring.decay_per_s / (2 * np.pi))
     squares = natural**2 / np.array([model.stuck_hz, model.sliding_hz]) ** 2
     low, high = np.sort(np.log10(squares))
-    sd = np.linalg.norm([(high - low) / 2, GIVES_SD, 2 * ring.hz_sd / (hz * np.log(10.0)), float(outline_sd(body, tracks)[0]) / np.log(10.0)])
-    young = guess.young * 10 ** ((low + high) / 2 + GIVES_LOG10)
+    gives = np.log10(1 + (2 * np.pi * natural) ** 2 * SINKS_M / np.linalg.norm(body.gravity))  # as two springs one upon the other
+    sd = np.linalg.norm([(high - low) / 2, gives, 2 * ring.hz_sd / (hz * np.log(10.0)), float(outline_sd(body, tracks)[0]) / np.log(10.0)])
+    young = guess.young * 10 ** ((low + high) / 2 + gives)
     why = f"it rings at {hz:.2f} Hz on the floor, where it lies from frame {first} on"
     return _Found(young, float(sd), why, 2 * max(ring.decay_per_s, 0.0) / (2 * np.pi * natural) ** 2)
 
