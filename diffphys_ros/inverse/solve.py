@@ -25,6 +25,8 @@ from .second_reading import fitted_again
 from .stages import schedule
 from .zones import divided, in_parts, zones_of
 
+MATERIAL = ("young", "density", "poisson")
+
 
 def solve(
     prepared: Prepared,
@@ -65,12 +67,12 @@ def solve(
 
 
 def suited(prepared: Prepared, settings: Settings) -> Settings:
-    """With the schedule that auto stands for where an outline was followed: its small motions are linear. Of what bounces on a floor the modulus is that of
-    the first answer, for the bounces tell more of the floor than of it."""
+    """With the schedule that auto stands for where an outline was followed: its small motions are linear. Of what bounces on a floor the material is that
+    of the first answer, for the bounces tell more of the floor than of it."""
     if settings.experiment.schedule != "auto":
         return settings
     if bounces(prepared.body, settings.scene):
-        return replace(settings, fit=replace(settings.fit, hold=[*dict.fromkeys((*(settings.fit.hold or ()), "young"))]))
+        return replace(settings, fit=replace(settings.fit, hold=[*dict.fromkeys((*(settings.fit.hold or ()), *MATERIAL))]))
     if prepared.hanging is None:
         return settings
     return replace(settings, experiment=replace(settings.experiment, schedule="linear"))
