@@ -13,6 +13,7 @@ from diffphys_ros.inverse import Checkpoint, solve
 from diffphys_ros.inverse.apparent_stiffness import measure_apparent, motion_share
 from diffphys_ros.inverse.forward import discretise
 from diffphys_ros.inverse.resolution import make_plan
+from diffphys_ros.inverse.solve import MATERIAL, suited
 from diffphys_ros.particles import dense_points, fill, fit_grid
 from diffphys_ros.resimulate import simulate_again
 
@@ -219,3 +220,10 @@ def test_frequencies_that_the_shape_as_told_does_not_have_leave_the_stiffness_as
     _, recovery = drive(solve(seen, None, quick_settings))
     np.testing.assert_allclose(np.log10(recovery.metrics["young_refined_pa"] / YOUNG), 0.0, atol=0.02)
     assert recovery.metrics["track_rms_refined_m"] < 4e-4
+
+
+def test_of_what_bounces_on_a_floor_no_fit_moves_the_material(prepared):
+    above = build({"scene.floor_z_m": -1.0, "fit.hold": ["damping"]})
+    free = dataclasses.replace(prepared, body=dataclasses.replace(prepared.body, clamped=False))
+    assert suited(free, above).fit.hold == ["damping", *MATERIAL]
+    assert suited(prepared, above).fit.hold == ["damping"], "a clamp holds it"
