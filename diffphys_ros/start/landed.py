@@ -165,8 +165,10 @@ def _by_ring(body: Body, tracks: Tracks, period_s: float, floor: Floor, elements
         return replace(guess, why="the object is not seen to meet the floor and to leave it again")
     centre = path.heights(elements.nodes, floor).mean(1)
     first = lies_from(path, centre, float(np.linalg.norm(body.gravity)) * (contact.seconds / np.pi) ** 2)
-    up = path.turn[first:][np.isfinite(path.turn[first:, 0, 0])][-1].T @ floor.up if first < len(centre) else floor.up
-    model = standing(elements, np.array([guess.young]), up)
+    lying = path.turn[first:][np.isfinite(path.turn[first:, 0, 0])]
+    if not len(lying):
+        return replace(guess, why="the object does not come to lie in the clip, so that it could be read from how it rings there; record until it does")
+    model = standing(elements, np.array([guess.young]), lying[-1].T @ floor.up)
     ring = ring_of(stretch_of(body, tracks, path, elements, model, first), period_s)
     if ring is None:
         return replace(guess, why="the object does not ring on the floor, once it lies there, so that its modulus can be read from it; record with more frames a second")

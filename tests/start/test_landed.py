@@ -74,6 +74,13 @@ def test_where_it_does_not_ring_long_enough_the_contact_says_the_least_modulus(b
     assert "at least" in start.reasons[0]
 
 
+def test_a_block_that_is_still_bouncing_when_the_clip_ends_does_not_lie(block: Body, dropped: Tracks) -> None:
+    start = answer(block, replace(dropped, **{name: getattr(dropped, name)[:14] for name in ("pixels", "points", "valid")}))
+    assert not start.identified.any()
+    assert "does not come to lie" in start.reasons[0]
+    assert start.young_lower[0] < YOUNG
+
+
 def test_frames_too_few_a_second_leave_two_frequencies_of_which_neither_is_told(block: Body, dropped: Tracks) -> None:
     """Every second frame: 10.4 Hz looks like 19.6."""
     half = replace(dropped, **{name: getattr(dropped, name)[::2] for name in ("pixels", "points", "valid")})
