@@ -28,6 +28,7 @@ class Matching:
 
     window_px: int
     round_trip_px: float
+    turns: bool = False  # whether the object may turn as a whole, as what nothing holds does: what is held bends, and a turn of all of it fits its end alone
 
 
 def normalised(frame: np.ndarray) -> np.ndarray:
@@ -77,24 +78,26 @@ def track_pixels(images: list[np.ndarray], start: np.ndarray, seen: np.ndarray, 
         frames = (images[0], images[last], images[k])
         found, good = _followed(frames, pixels[last], pixels[last], start, matching)
         if good.sum() < LEAST_FOUND * valid[last].sum():
-            others = _farther(frames, pixels[max(2 * last - k, 0)], pixels[last], valid[last])
+            others = _farther(frames, pixels[max(2 * last - k, 0)], pixels[last], valid[last], matching)
             answers = [(found, good), *(_followed(frames, pixels[last], guess, start, matching) for guess in others)]
             found, good = max(answers, key=lambda answer: int(answer[1].sum()))
         if AROUND <= good.sum() < len(good):
             lost = np.flatnonzero(~good)
             expected = (start[lost] + affine_motion(start[lost], start[good], (found - start)[good])[0]).astype(np.float32)
             found[lost], good[lost] = _found(images[0], images[k], start[lost], expected, matching)
-            good = _agreeing(start, found, _turn(start[good], found[good]), good)
+            good = _agreeing(start, found, _turn(start[good], found[good]) if matching.turns else None, good)
         pixels[k], valid[k], last = found, good, k
     return pixels, valid
 
 
-def _farther(frames: tuple[np.ndarray, np.ndarray, np.ndarray], before: np.ndarray, at: np.ndarray, holds: np.ndarray) -> list[np.ndarray]:
+def _farther(frames: tuple[np.ndarray, np.ndarray, np.ndarray], before: np.ndarray, at: np.ndarray, holds: np.ndarray, matching: Matching) -> list[np.ndarray]:
     """Where points `at` (M, 2) of the second of three frames may have gone in the third, farther than patches reach: with the whole of those that hold
-    (M,), which is looked for, and as they came from where they were `before` (M, 2), as long a time ago."""
+    (M,), which is looked for, and, of what turns, as they came from where they were `before` (M, 2), as long a time ago."""
     leap = whole_shift(frames[1], frames[2], at[holds])
-    step = _similarity(before[holds], at[holds]) if holds.any() else np.eye(2, 3)
-    guesses = [at @ step[:, :2].T + step[:, 2], *([] if leap is None else [at + leap])]
+    guesses = [] if leap is None else [at + leap]
+    if matching.turns and holds.any():
+        step = _similarity(before[holds], at[holds])
+        guesses.append(at @ step[:, :2].T + step[:, 2])
     return [guess.astype(np.float32) for guess in guesses]
 
 
@@ -135,7 +138,7 @@ def _round_trip(a: np.ndarray, b: np.ndarray, at: np.ndarray, guess: np.ndarray,
 
 def _found(first: np.ndarray, image: np.ndarray, start: np.ndarray, predicted: np.ndarray, matching: Matching) -> tuple[np.ndarray, np.ndarray]:
     """Positions (M, 2) in an image of points of the first, near where they are predicted, and which are trusted; else the prediction."""
-    motion = _turn(start, predicted)
+    motion = _turn(start, predicted) if matching.turns else None
     if motion is not None:
         first = cv2.warpAffine(first, motion, first.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     there, error = _round_trip(first, image, _moved_by(motion, start), predicted, matching, 1)

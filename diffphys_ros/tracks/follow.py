@@ -73,7 +73,7 @@ def _followed(clip: Clip, start: np.ndarray, mask: np.ndarray, depth0: np.ndarra
     """Pixels (T, M, 2), points (T, M, 3) [m], where they hold (T, M), and what their patches say of their spread (T, M) [px], of points
     `start` (M, 2) [px] of frame 0 on the object `mask` (H, W)."""
     window_px = settings.experiment.track_window_px
-    matching = Matching(window_px, settings.experiment.track_round_trip_px)
+    matching = Matching(window_px, settings.experiment.track_round_trip_px, settings.scene.thrown)
     pixels, valid = track_pixels([normalised(frame) for frame in clip.frames], start, clip.seen, matching)
     pixels, valid, spread = refined(clip.frames, pixels, valid, mask, window_px=window_px)
     points, valid = _lifted(clip, pixels, valid, depth0, settings)
