@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .similarity import robust_similarity
+
 LARGEST_JUMP_PX = 3.0  # from the prediction of the frame before
 LARGEST_ODDITY_PX = 1.2  # from the median displacement of the neighbours
 DRIFT_ROUND_TRIP_PX = 0.7  # forward-backward error accepted for the prediction alone
@@ -96,7 +98,7 @@ def _farther(frames: tuple[np.ndarray, np.ndarray, np.ndarray], before: np.ndarr
     leap = whole_shift(frames[1], frames[2], at[holds])
     guesses = [] if leap is None else [at + leap]
     if matching.turns and holds.any():
-        step = _similarity(before[holds], at[holds])
+        step = robust_similarity(before[holds].astype(float), at[holds].astype(float))[:2]
         guesses.append(at @ step[:, :2].T + step[:, 2])
     return [guess.astype(np.float32) for guess in guesses]
 
@@ -160,7 +162,7 @@ def _moved_by(motion: np.ndarray | None, points: np.ndarray) -> np.ndarray:
 
 def _motion_of_all(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """The affine motion (2, 3) that takes points (M, 2) near where they have moved (M, 2), by least absolute deviations; of points in a line, a turn."""
-    turn = _similarity(points, moved)
+    turn = robust_similarity(points.astype(float), moved.astype(float))[:2]
     there = points @ turn[:, :2].T + turn[:, 2]
     weight = np.ones(len(points))
     for _ in range(TURN_ROUNDS):
@@ -171,21 +173,6 @@ def _motion_of_all(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
         weight = 1 / np.maximum(off, max(float(np.median(off)), LEAST_OFF_PX))
     along = (np.eye(2) + slope[0]) @ turn
     return np.column_stack([along[:, :2], along[:, 2] + left[0] - slope[0] @ (share @ there)])
-
-
-def _similarity(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """The turn, scale and shift (2, 3) that take points (M, 2) near where they have moved (M, 2): by least absolute deviations."""
-    arm, there = (a.astype(float) @ np.array([1.0, 1j]) for a in (points, moved))
-    weight = np.ones(len(arm))
-    turn, shift = 1.0 + 0j, 0j
-    for _ in range(TURN_ROUNDS):
-        centre, mean = (np.average(a, weights=weight) for a in (arm, there))
-        power = (weight * np.abs(arm - centre) ** 2).sum()
-        turn = (weight * np.conj(arm - centre) * (there - mean)).sum() / power if power > RIGIDITY_PX2 else 1.0 + 0j
-        shift = mean - turn * centre
-        off = np.abs(turn * arm + shift - there)
-        weight = 1 / np.maximum(off, max(float(np.median(off)), LEAST_OFF_PX))
-    return np.array([[turn.real, -turn.imag, shift.real], [turn.imag, turn.real, shift.imag]])
 
 
 def _followed(

@@ -15,8 +15,8 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "inpaint", "ways", "colours", "hooke"}
-SHARED = {"matching", "rigid_motion", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "similarity", "inpaint", "ways", "colours", "hooke"}
+SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}
@@ -36,6 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "linear_systems": set(),
     "differences": set(),
     "rotations": set(),
+    "similarity": set(),
     "colours": set(),
     "hooke": set(),
     "npz": set(),

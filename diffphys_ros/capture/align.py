@@ -8,6 +8,7 @@ import numpy as np
 
 from ..config import read_text
 from ..errors import InputError, short, shown
+from ..similarity import robust_similarity
 from ..types import Camera
 from .structure import Structure
 
@@ -15,7 +16,6 @@ LEAST_DEPTHS = 20  # sparse points or pixels with a depth that a scale is read f
 LEAST_POSITIONS = 3  # cameras of known position
 LARGEST_M = 1e7  # of a coordinate; those of maps stay below
 LARGEST_FILE = 1 << 24  # bytes of a text of positions
-ROUNDS = 10  # of the reweighted similarity
 COLLINEAR = 1e-3  # second over first singular value of positions that lie in a line
 
 
@@ -59,29 +59,6 @@ def onto_positions(structure: Structure, positions: dict[str, np.ndarray], sourc
     similarity = robust_similarity(found, known)
     left = known - (found @ similarity[:3, :3].T + similarity[:3, 3])
     return similarity, float(np.sqrt((left**2).sum(1).mean()))
-
-
-def robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The similarity (4, 4) of least absolute distances from points (P, 3) to points (P, 3), by reweighted least squares."""
-    weight = np.ones(len(source))
-    for _ in range(ROUNDS):
-        similarity = fitted_similarity(source, target, weight)
-        distance = np.linalg.norm(target - source @ similarity[:3, :3].T - similarity[:3, 3], axis=1)
-        weight = 1 / np.maximum(distance, max(float(np.median(distance)), 1e-12))
-    return similarity
-
-
-def fitted_similarity(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The similarity (4, 4) of least weighted squares (Umeyama 1991)."""
-    share = (weight / weight.sum())[:, None]
-    centre_s, centre_t = (share * source).sum(0), (share * target).sum(0)
-    arm_s, arm_t = source - centre_s, target - centre_t
-    u, value, vt = np.linalg.svd((share * arm_t).T @ arm_s)
-    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
-    similarity = np.eye(4)
-    similarity[:3, :3] = float(value @ sign) / float((share * arm_s**2).sum()) * (u * sign) @ vt
-    similarity[:3, 3] = centre_t - similarity[:3, :3] @ centre_s
-    return similarity
 
 
 def read_positions(path: Path) -> dict[str, np.ndarray]:

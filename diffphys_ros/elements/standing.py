@@ -11,6 +11,7 @@ from .assemble import Elements
 
 FOOT_SHARE = 0.015  # of the height, within which of the lowest point what meets the floor lies [chosen]
 STIFFER = 1e4  # springs of the floor at the foot, over the largest stiffness of a node: a frequency is .1 % low [numerical]
+STRAINS = 1e-6  # of the largest strain energy of a mode, below which one is a motion of the whole [numerical]
 COUNT = 12  # modes among which the one along the vertical is looked for: four in ten of them bend and twist [numerical]
 
 
@@ -26,9 +27,9 @@ class Standing:
 
 def standing(elements: Elements, young: np.ndarray, up: np.ndarray) -> Standing:
     """Of a body that nothing else holds, at moduli (n,) [Pa]; `up` (3,): unit vector out of the floor, body frame. Without gravity's prestress."""
-    foot = foot_of(elements.nodes, up)
-    stuck, sliding = (_modes(elements, young, foot, held) for held in (np.eye(3), np.outer(up, up)))
-    best, other = (int(np.argmax(_along(elements, shapes, up))) for _, shapes in (stuck, sliding))
+    foot, stiffness = foot_of(elements.nodes, up), elements.elastic(young)
+    stuck, sliding = (_modes(elements, stiffness, foot, held) for held in (np.eye(3), np.outer(up, up)))
+    best, other = (int(np.argmax(_along(elements, stiffness, shapes, up))) for _, shapes in (stuck, sliding))
     shapes = stuck[1].reshape(len(elements.nodes), 3, -1)
     return Standing(stuck[0][best], sliding[0][other], shapes[..., best], shapes[..., :best])
 
@@ -39,21 +40,18 @@ def foot_of(nodes: np.ndarray, up: np.ndarray) -> np.ndarray:
     return np.asarray(height < height.min() + FOOT_SHARE * np.ptp(height))
 
 
-def _modes(elements: Elements, young: np.ndarray, foot: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _modes(elements: Elements, stiffness: sp.csc_matrix, foot: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (k,) [Hz] and mass-orthonormal shapes (D, k), with springs at the foot along what `held` (3, 3) projects on."""
-    stiffness = elements.elastic(young)
     springs = sp.kron(sp.diags(foot.astype(float)), STIFFER * stiffness.diagonal().max() * held).tocsc()
     matrix = (stiffness + springs).tocsc()
     squares, shapes = elements.eigenmodes(matrix, elements.factor(matrix), COUNT)
     return np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi), shapes
 
 
-def _along(elements: Elements, shapes: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _along(elements: Elements, stiffness: sp.csc_matrix, shapes: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Share of the mass that modes (D, k) move along `up`, (k,); of what does not strain, none."""
     rigid = np.tile(up, len(elements.nodes))
     moved = elements.mass @ rigid
     share = (shapes.T @ moved) ** 2 / (rigid @ moved)
-    strain = np.einsum("dk,dk->k", shapes, elements.elastic(np.ones(len(elements.moduli))) @ shapes)
-    return np.where(strain > 1e-6 * strain.max(), share, 0.0)
-
-
+    strain = (shapes * (stiffness @ shapes)).sum(0)
+    return np.where(strain > STRAINS * strain.max(), share, 0.0)

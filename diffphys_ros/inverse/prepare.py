@@ -100,7 +100,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         body, belief = believed(body, prior, clip.camera, settings.scene), of_parts(prior, body, clip.camera)
         yield Progress("body", text=describe_prior(prior))
     yield Progress("modes", text=f"{body.parts} part(s), {1e6 * body.volume_m3:.1f} cm^3, density from {body.sources.get('density', '?')}; eigenmodes")
-    floor = floor_of(body, body.front.points, settings.scene, clip.camera) if bounces(body, settings.scene) else None
+    floor = floor_of(body, settings.scene, clip.camera) if bounces(body, settings.scene) else None
     if floor is not None:
         start, modal = landed_values(body, tracks, clip.period_s, settings, floor, camera=clip.camera)
     else:

@@ -17,8 +17,8 @@ from ..config import Settings
 from ..damping import Damping
 from ..modes import interpolation
 from ..modes.model import ModalModel
-from ..rigid_motion import rigid_motion
-from ..types import Body, Camera, Floor, StartValues, Tracks
+from ..similarity import robust_similarity
+from ..types import Body, Camera, Floor, StartValues, Tracks, transformed
 from ..vibration.coordinates import observe
 from ..vibration.ring import Ring, ring_of
 from .evidence import Evidence
@@ -38,28 +38,20 @@ if TYPE_CHECKING:
     from ..elements.standing import Standing
 
 
-@dataclass(frozen=True)
-class Path:
-    """How a body moves as a whole, body frame."""
+def motions_of(body: Body, tracks: Tracks) -> np.ndarray:
+    """How a body moves as a whole since frame 0, by the points that hold in each frame: rigid motions (T, 4, 4), body frame; NaN where too few do."""
+    points = body.to_body(tracks.points)
+    motion = np.full((len(points), 4, 4), np.nan)
+    for k, holds in enumerate(tracks.valid):
+        if holds.sum() >= max(LEAST_POINTS, LEAST_SHARE * len(holds)):
+            motion[k] = robust_similarity(points[0, holds], points[k, holds], scaled=False)
+    return motion
 
-    turn: np.ndarray  # since frame 0, (T, 3, 3); NaN where it is not known
-    before: np.ndarray  # centre of the points that tell it, in frame 0 [m], (T, 3)
-    now: np.ndarray  # the same in the frame
 
-    @classmethod
-    def of(cls, body: Body, tracks: Tracks) -> Path:
-        """By the points that hold in each frame."""
-        points = body.to_body(tracks.points)
-        turn, before, now = np.full((len(points), 3, 3), np.nan), *np.full((2, len(points), 3), np.nan)
-        for k, holds in enumerate(tracks.valid):
-            if holds.sum() >= max(LEAST_POINTS, LEAST_SHARE * len(holds)):
-                turn[k], (before[k], now[k]) = rigid_motion(points[0, holds], points[k, holds])
-        return cls(turn, before, now)
-
-    def heights(self, nodes: np.ndarray, floor: Floor) -> np.ndarray:
-        """Of nodes (N, 3) that move along, above a floor [m], (T, N)."""
-        placed = np.einsum("tij,tnj->tni", self.turn, nodes - self.before[:, None]) + self.now[:, None]
-        return np.asarray(placed @ floor.up - floor.height_m)
+def heights_of(motion: np.ndarray, nodes: np.ndarray, floor: Floor) -> np.ndarray:
+    """Of nodes (N, 3) that move along with (T, 4, 4), above a floor [m], (T, N)."""
+    row = floor.up @ motion[:, :3]
+    return np.asarray(row[:, :3] @ nodes.T + row[:, 3:] - floor.height_m)
 
 
 @dataclass(frozen=True)
@@ -95,110 +87,112 @@ def landed_values(body: Body, tracks: Tracks, period_s: float, settings: Setting
     from ..elements.mesh import solid_mesh
 
     elements = Elements.of(body, solid_mesh(body))
-    path = Path.of(body, tracks)
-    contact = Contact.of(path.heights(elements.nodes, floor), period_s)
-    density = body.mass_kg / body.volume_m3
-    found = _Found(GUESS_PA if contact is None else contact.young(density) * 10**LASTS_LOG10, GUESS_SD)
-    if body.parts > 1:
+    motion, n = motions_of(body, tracks), body.parts
+    heights = heights_of(motion, elements.nodes, floor)
+    contact, density = Contact.of(heights, period_s), body.mass_kg / body.volume_m3
+    found = _Found(np.full(n, GUESS_PA if contact is None else contact.young(density) * 10**LASTS_LOG10), np.full(n, GUESS_SD))
+    if n > 1:
         found = replace(found, why="a thrown object's modulus is told where it is of one material (segment.max_parts: 1)")
     elif tracks.normals is not None:
         found = replace(found, why="a thrown object's modulus is told by points that can be followed: it needs texture")
+    elif contact is None:
+        found = replace(found, why="the object is not seen to meet the floor and to leave it again")
     else:
-        found = _by_ring(body, tracks, period_s, floor, elements, path, contact, found)
-    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, _Believed(*(np.full(body.parts, each) for each in (found.young, found.log10_sd))))
+        first = lies_from(motion[:, :3, :3], heights.mean(1), float(np.linalg.norm(body.gravity)) * (contact.seconds / np.pi) ** 2)
+        found = _by_ring(body, tracks, period_s, floor, elements, motion, first, found)
+    evidence = Evidence(body, tracks, observe(body, tracks, camera), period_s, settings, found)
     start, modal = values_under(evidence, everywhere(supported(evidence)))
-    told = found.log10_sd <= WIDEST_SD
-    least = contact.least_young(density, float(body.poisson[0])) if contact is not None and body.parts == 1 and not told else np.nan
-    return _flying(_with_answer(start, found, told, least, body), path, modal, body, period_s), modal
+    least = contact.least_young(density, float(body.poisson[0])) if contact is not None and n == 1 else np.nan
+    return _flying(_with_answer(start, found, least, body), motion[1], modal, body, period_s), modal
 
 
-def _flying(start: StartValues, path: Path, modal: ModalModel, body: Body, period_s: float) -> StartValues:
-    """With the velocity that takes the body as a whole from frame 0 to the next under its weight, and no force: what else moves it is the floor."""
+@dataclass(frozen=True)
+class _Found:
+    """A Belief, and what it is by."""
+
+    young: np.ndarray  # [Pa], (n,)
+    log10_young_sd: np.ndarray  # (n,)
+    why: str = ""  # a clause
+    damping_s: float = 0.0  # of strain
+
+
+def _with_answer(start: StartValues, found: _Found, least: float, body: Body) -> StartValues:
+    """With what was found, or where that is too unsure with the least modulus [Pa]."""
+    told = found.log10_young_sd <= WIDEST_SD
+    lower = np.where(told, np.nan, least)
+    value, name, unit = body.scale.stiffness(lower[:1], start.density[:1])
+    bound = f"; by how long it touched the floor, {name} is at least {value[0]:.2g} {unit}" if np.isfinite(lower[0]) and unit else ""
+    return replace(
+        start,
+        young=found.young,
+        log10_young_sd=np.minimum(found.log10_young_sd, OPEN_SD),
+        geometry_sd=found.log10_young_sd,
+        identified=told,
+        reasons=(f"{found.why}{bound}.",) * len(told),
+        young_lower=lower,
+        damping=Damping(0.0, found.damping_s) if told.all() else start.damping,
+    )
+
+
+def _flying(start: StartValues, motion: np.ndarray, modal: ModalModel, body: Body, period_s: float) -> StartValues:
+    """With the velocity that takes the body as a whole, by a motion (4, 4), from frame 0 to the next under its weight, and no force: what else moves it is
+    the floor."""
     still = np.zeros(modal.modes)
     rigid = modal.frequencies(start.young) < RIGID_HZ
     velocity = still.copy()
-    if rigid.any() and np.isfinite(path.turn[1]).all():
-        moved = (modal.nodes - path.before[1]) @ path.turn[1].T + path.now[1] - modal.nodes
+    if rigid.any() and np.isfinite(motion).all():
+        moved = transformed(motion, modal.nodes) - modal.nodes
         basis = modal.basis[..., rigid].reshape(-1, int(rigid.sum()))
         velocity[rigid] = np.linalg.lstsq(basis, (moved / period_s - 0.5 * period_s * body.gravity).ravel(), rcond=None)[0]
     silent, never = np.zeros_like(start.force), np.zeros_like(start.forced)
     return replace(start, force=silent, forced=never, initial_displacement=still, initial_velocity=velocity)
 
 
-@dataclass(frozen=True)
-class _Believed:
-    """As Belief."""
-
-    young: np.ndarray
-    log10_young_sd: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Found:
-    young: float  # [Pa]
-    log10_sd: float
-    why: str = ""  # a clause
-    damping_s: float = 0.0  # of strain
-
-
-def _with_answer(start: StartValues, found: _Found, told: bool, least: float, body: Body) -> StartValues:
-    n = body.parts
-    value, name, unit = body.scale.stiffness(np.array([least]), start.density[:1])
-    bound = f"; by how long it touched the floor, {name} is at least {value[0]:.2g} {unit}" if np.isfinite(least) and unit else ""
-    return replace(
-        start,
-        young=np.full(n, found.young),
-        log10_young_sd=np.full(n, min(found.log10_sd, OPEN_SD)),
-        geometry_sd=np.full(n, found.log10_sd),
-        identified=np.full(n, told),
-        reasons=(f"{found.why}{bound}.",) * n,
-        young_lower=np.full(n, least),
-        damping=Damping(0.0, found.damping_s) if told else start.damping,
-    )
-
-
-def _by_ring(body: Body, tracks: Tracks, period_s: float, floor: Floor, elements: Elements, path: Path, contact: Contact | None, guess: _Found) -> _Found:
-    """The modulus by the swing along the vertical of what lies on the floor, where it shows one."""
+def _by_ring(
+    body: Body, tracks: Tracks, period_s: float, floor: Floor, elements: Elements, motion: np.ndarray, first: int, guess: _Found
+) -> _Found:
+    """The modulus by the swing along the vertical of what lies on the floor from frame `first` on, where it shows one."""
     from ..elements.standing import standing
 
-    if contact is None:
-        return replace(guess, why="the object is not seen to meet the floor and to leave it again")
-    centre = path.heights(elements.nodes, floor).mean(1)
-    first = lies_from(path, centre, float(np.linalg.norm(body.gravity)) * (contact.seconds / np.pi) ** 2)
-    lying = path.turn[first:][np.isfinite(path.turn[first:, 0, 0])]
+    lying = motion[first:, :3, :3][np.isfinite(motion[first:, 0, 0])]
     if not len(lying):
         return replace(guess, why="the object does not come to lie in the clip, so that it could be read from how it rings there; record until it does")
-    model = standing(elements, np.array([guess.young]), lying[-1].T @ floor.up)
-    ring = ring_of(stretch_of(body, tracks, path, elements, model, first), period_s)
+    model = standing(elements, guess.young, lying[-1].T @ floor.up)
+    ring = ring_of(stretch_of(body, tracks, motion, elements, model, first), period_s)
     if ring is None:
         return replace(guess, why="the object does not ring on the floor, once it lies there, so that its modulus can be read from it; record with more frames a second")
     hz = told_apart(ring, period_s, model)
     if hz is None:
         return replace(guess, why=f"it rings on the floor at {ring.hz:.1f} Hz or at {1 / period_s - ring.hz:.1f}, which look alike at {1 / period_s:.3g} frames a second; record with more")
-    natural = np.hypot(hz, ring.decay_per_s / (2 * np.pi))
-    squares = natural**2 / np.array([model.stuck_hz, model.sliding_hz]) ** 2
-    low, high = np.sort(np.log10(squares))
-    gives = np.log10(1 + (2 * np.pi * natural) ** 2 * SINKS_M / np.linalg.norm(body.gravity))  # as two springs one upon the other
-    sd = np.linalg.norm([(high - low) / 2, gives, 2 * ring.hz_sd / (hz * np.log(10.0)), float(outline_sd(body, tracks)[0]) / np.log(10.0)])
-    young = guess.young * 10 ** ((low + high) / 2 + gives)
+    natural = float(np.hypot(hz, ring.decay_per_s / (2 * np.pi)))
+    times, spread = stiffer_than(model, natural, float(np.linalg.norm(body.gravity)))
+    sd = np.linalg.norm([spread, 2 * ring.hz_sd / (hz * np.log(10.0)), float(outline_sd(body, tracks)[0]) / np.log(10.0)])
     why = f"it rings at {hz:.2f} Hz on the floor, where it lies from frame {first} on"
-    return _Found(young, float(sd), why, 2 * max(ring.decay_per_s, 0.0) / (2 * np.pi * natural) ** 2)
+    return _Found(guess.young * 10**times, np.array([sd]), why, 2 * max(ring.decay_per_s, 0.0) / (2 * np.pi * natural) ** 2)
 
 
-def lies_from(path: Path, centre: np.ndarray, swing_m: float) -> int:
-    """The first frame from which on the body hardly turns, and its centre's height (T,) swings by less than `swing_m` about where it ends: by more, and
+def stiffer_than(model: Standing, natural_hz: float, gravity_m_s2: float) -> tuple[float, float]:
+    """log10 of E over that of a standing model, and its standard deviation by how foot and floor hold, where the body rings at a frequency: its foot sticks or
+    slides, and the floor gives, as a spring below the body that its weight presses by SINKS_M."""
+    low, high = np.sort(2 * np.log10(natural_hz / np.array([model.stuck_hz, model.sliding_hz])))
+    gives = np.log10(1 + (2 * np.pi * natural_hz) ** 2 * SINKS_M / gravity_m_s2)
+    return float((low + high) / 2 + gives), float(np.hypot((high - low) / 2, gives))
+
+
+def lies_from(turn: np.ndarray, centre: np.ndarray, swing_m: float) -> int:
+    """The first frame from which on the body, turned by (T, 3, 3) since frame 0, hardly turns, and its centre's height (T,) swings by less than `swing_m` about where it ends: by more, and
     the floor lets it go. The number of frames where it never lies."""
     known = np.flatnonzero(np.isfinite(centre))
     if not len(known):
         return len(centre)
     last = known[-1]
     ended = np.median(centre[known[len(known) * 3 // 4 :]])
-    cosine = (np.einsum("tij,ij->t", path.turn, path.turn[last]) - 1) / 2
+    cosine = (np.einsum("tij,ij->t", turn, turn[last]) - 1) / 2
     off = (np.abs(centre - ended) > swing_m) | (np.degrees(np.arccos(np.clip(cosine, -1, 1))) > LIES_DEG)
     return int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
 
 
-def stretch_of(body: Body, tracks: Tracks, path: Path, elements: Elements, model: Standing, first: int) -> np.ndarray:
+def stretch_of(body: Body, tracks: Tracks, motion: np.ndarray, elements: Elements, model: Standing, first: int) -> np.ndarray:
     """The coordinate (F,) of the standing body's mode along the vertical from frame `first` on, beside slower modes and any rigid motion; NaN where too few
     points hold."""
     holds = tracks.valid[first:]
@@ -217,7 +211,7 @@ def stretch_of(body: Body, tracks: Tracks, path: Path, elements: Elements, model
     design = np.concatenate([shapes / np.sqrt((shapes**2).mean((0, 1))), rigid / np.sqrt((rigid**2).mean((0, 1)))], 2)
     if not tracks.has_depth:
         design[:, 2] = 0.0
-    turn = path.turn[first:]
+    turn = motion[first:, :3, :3]
     q = np.full(len(points), np.nan)
     for k in np.flatnonzero(np.isfinite(turn[:, 0, 0])):
         held = np.isfinite(moved[k, :, 0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..rigid_motion import rigid_motion
+from ..similarity import robust_similarity
 
 LEAST_POINTS = 4  # that tell a turn
 
@@ -15,6 +15,6 @@ def turned_back(points: np.ndarray, valid: np.ndarray) -> np.ndarray:
     for k in range(1, len(points)):
         holds = valid[k]
         if holds.sum() >= LEAST_POINTS:
-            turn, (before, now) = rigid_motion(points[0, holds], points[k, holds])
-            still[k] = (points[k] - now) @ turn + before
+            motion = robust_similarity(points[0, holds], points[k, holds], scaled=False)
+            still[k] = (points[k] - motion[:3, 3]) @ motion[:3, :3]
     return still

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
+from diffphys_ros.elements.standing import Standing
 from diffphys_ros.particles import fill, fit_grid
 from diffphys_ros.simulate import Plane, Simulator
 from diffphys_ros.start import landed_values
-from diffphys_ros.start.landed import SINKS_M, Contact, Path, lies_from, told_apart
+from diffphys_ros.start.landed import SINKS_M, Contact, lies_from, stiffer_than, told_apart
 from diffphys_ros.types import Body, Floor, StartValues, Tracks
 from diffphys_ros.vibration.ring import Ring
 from tests.made_bar import bar, settings
@@ -118,14 +120,36 @@ def test_a_body_lies_from_where_it_neither_turns_nor_swings_by_more_than_its_wei
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     degrees, centre = [20.0, 12.0, 6.0, 1.0, 0.5, 0.2, 0.0, 0.0], np.array([0.2, 0.1, 0.07, 0.071, 0.08, 0.071, 0.07, 0.07])
-    path = Path(np.stack([turn(d) for d in degrees]), np.zeros((8, 3)), np.zeros((8, 3)))
-    assert lies_from(path, centre, 0.02) == 3
-    assert lies_from(path, centre, 0.005) == 5
+    turns = np.stack([turn(d) for d in degrees])
+    assert lies_from(turns, centre, 0.02) == 3
+    assert lies_from(turns, centre, 0.005) == 5
+
+
+def test_a_floor_that_gives_makes_a_body_slower_which_is_not_taken_for_softness() -> None:
+    """Two springs, one upon the other: the body's, and one that its weight presses by so much."""
+    model = Standing(10.0, 10.0, np.zeros((1, 3)), np.zeros((1, 3, 0)))
+    seen_hz = 1 / (2 * np.pi * np.sqrt(1 / (2 * np.pi * 10.0) ** 2 + SINKS_M / 9.81))
+    log10, sd = stiffer_than(model, seen_hz, 9.81)
+    assert abs(log10) < 0.005
+    assert 0.02 < sd < 0.03
+    assert stiffer_than(replace(model, stuck_hz=11.0), seen_hz, 9.81)[1] > 1.5 * sd, "a foot that sticks or slides"
+
+
+def test_the_body_begins_with_the_velocity_that_brings_it_to_where_frame_1_shows_it(block: Body) -> None:
+    """Thrown down and aside with a spin; its weight has its share of the first frame's way."""
+    velocity, spin = np.array([-0.4, 0.3, 0.1]), np.array([0.0, 0.2, 1.5])
+    rest = block.front.points[::7]
+    times = np.arange(12)[:, None, None] * PERIOD_S
+    turned = Rotation.from_rotvec(times[:, 0] * spin).as_matrix()
+    points = np.einsum("tij,nj->tni", turned, rest) + times * velocity + 0.5 * times**2 * block.gravity
+    start, modal = landed_values(block, Tracks(1e3 * points[..., :2], points, np.ones(points.shape[:2], bool), True, 1e-5), PERIOD_S, settings(density_kg_m3=[DENSITY], at_rest=False), Floor(FLOOR.up, -5.0))
+    expected = np.cross(spin, modal.nodes) + velocity
+    np.testing.assert_allclose(modal.basis @ start.initial_velocity, expected, atol=0.01 * np.abs(expected).max())
+    assert not start.forced.any()
+    assert not start.force.any()
 
 
 def test_of_a_ring_and_its_mirror_the_one_is_told_that_the_contact_leaves_likely(block: Body) -> None:
-    from diffphys_ros.elements.standing import Standing
-
     ring, model = Ring(9.4, 0.02, 1.0, 0.1), Standing(10.0, 9.7, np.zeros((1, 3)), np.zeros((1, 3, 0)))
     assert told_apart(ring, 1 / 30, model) == pytest.approx(9.4)
     faster = replace(model, stuck_hz=21.0, sliding_hz=20.5)
