@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..inpaint import nearest_known
 from ..picture import along_border
 from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
-from .view import FrontView
+from .view import FrontView, on_plane
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
 THINNEST = 0.15  # of the half thickness where it does not recede: a thinner rim is left out, it carries no load; a thin strand does
@@ -169,9 +169,20 @@ def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.nd
     elsewhere = view.measured * (view.surface == 0)
     if not elsewhere.any():
         return np.zeros(height.shape, bool)
-    pixels, depth = view.pixels_at(2 * view.front - thickness_m - height)
+    back = 2 * view.front - thickness_m - height
+    pixels, depth = view.pixels_at(back)
     farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
-    return np.asarray(farther & (sample(view.soft, pixels) < 0.5))
+    return np.asarray(farther & (sample(view.soft, pixels) < 0.5) & ~_behind_clamp(view, back))
+
+
+def _behind_clamp(view: FrontView, height: np.ndarray) -> np.ndarray:
+    """Cells (nx, ny) whose points at a `height` [m] below the front are looked at through the clamped plane, or within the outline's tolerance of it: what
+    holds the object hides them, and its own depth may be lost."""
+    if view.clamp is None:
+        return np.zeros(height.shape, bool)
+    points = np.dstack([view.raster.centres, height])
+    eye = (view.camera.position - view.pose[:3, 3]) @ view.pose[:3, :3]
+    return np.asarray(on_plane(points.reshape(-1, 3), eye, view.front)[:, 0].reshape(height.shape) < ROOT_TOLERANCE_PX * view.footprint_m)
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:

@@ -170,6 +170,19 @@ def test_a_side_is_not_cut_off_where_what_may_hide_its_back_is_nearer(clip: Clip
     assert np.ptp(edges(body)[:, 1]) > np.ptp(edges(usual)[:, 1]) + 2 * PIXEL_M
 
 
+def test_an_end_whose_back_the_mount_hides_is_not_cut_off_where_depth_is_lost() -> None:
+    """Seen from beyond the clamp, by a stereo camera whose other eye does not see past the mount: the nearest depth that was measured is the wall's."""
+    mount = Box(np.array([-0.06, -0.025, -0.035]), np.array([0.0, 0.025, 0.035]))
+    clip = box_clip(bar(), [np.eye(4)], camera_at((-0.25, -0.4, 0.05), (0.08, 0, 0)), mount=mount)
+    assert clip.depth is not None
+    place = places(clip)
+    lost = (place[..., 0] < 0.06) & (place[..., 1] < 0.03)
+    usual, body = (solid(each, bar_settings()) for each in (clip, replace(clip, depth=np.where(lost, 0, clip.depth).astype(np.float32))))
+    assert usual.volume_m3 == pytest.approx(bar().volume, rel=0.03)
+    assert body.inside[: round(0.02 / body.pitch_m)].sum(1).min() * body.pitch_m > 0.058
+    assert body.volume_m3 == pytest.approx(usual.volume_m3, rel=0.015)
+
+
 def test_a_surface_of_which_no_depth_was_measured_is_a_body_all_the_same(clip: Clip, usual: Body) -> None:
     """Its depth comes from elsewhere; the camera's is of the scene alone."""
     assert clip.labels is not None
