@@ -31,7 +31,8 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
     Colours are chroma over lightness (shading cancels) after a median that removes spots and lines. The largest number of
     clusters (k-means) is taken whose colours lie apart against their spread and of which each is essentially one connected piece, or a few
     large ones, such as the prongs of a fork; then edges are drawn again from the parts' full colour distributions, and every stray island
-    joins its surroundings. What then is small and mostly enclosed is no part: a spot, or the mixed colours of a seam.
+    joins its surroundings. What then is small and mostly enclosed is no part: a spot, or the mixed colours of a seam; nor is what then has the colour of
+    another one: a side in the shade.
     """
     if not mask.any():
         return np.zeros(mask.shape, np.uint8)
@@ -40,7 +41,7 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
         parts = _clustered(colour, mask, count)
         if parts is not None:
             parts = whole_pieces(_redrawn(frame, mask, parts))
-            if all(stands_for_itself(parts == k + 1, mask) for k in range(count)):
+            if all(stands_for_itself(parts == k + 1, mask) for k in range(count)) and _apart(colour[mask], parts[mask] - 1):
                 return parts
     return mask.astype(np.uint8)
 
@@ -89,14 +90,16 @@ def _clustered(colour: np.ndarray, mask: np.ndarray, count: int) -> np.ndarray |
         return None
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 0.05)
     cv2.setRNGSeed(0)
-    _, index, centres = cv2.kmeans(values, count, None, criteria, 8, cv2.KMEANS_PP_CENTERS)
+    _, index, _ = cv2.kmeans(values, count, None, criteria, 8, cv2.KMEANS_PP_CENTERS)
     parts = np.zeros(mask.shape, np.uint8)
     parts[mask] = index[:, 0] + 1
-    return parts if _apart(values, index[:, 0], centres) and all(_is_piece(parts == k + 1, mask) for k in range(count)) else None
+    return parts if _apart(values, index[:, 0]) and all(_is_piece(parts == k + 1, mask) for k in range(count)) else None
 
 
-def _apart(values: np.ndarray, index: np.ndarray, centres: np.ndarray) -> bool:
-    spread = [float(np.median(np.linalg.norm(values[index == k] - centres[k], axis=1))) for k in range(len(centres))]
+def _apart(values: np.ndarray, index: np.ndarray) -> bool:
+    """Whether the mean colours of clusters 0 .. n - 1, to which `values` (P, 2) belong by their `index` (P,), lie apart against their spread."""
+    centres = [values[index == k].mean(0) for k in range(index.max() + 1)]
+    spread = [float(np.median(np.linalg.norm(values[index == k] - centre, axis=1))) for k, centre in enumerate(centres)]
     for i in range(len(centres)):
         for j in range(i):
             distance = float(np.linalg.norm(centres[i] - centres[j]))

@@ -49,6 +49,23 @@ def test_a_spot_is_no_part(rows: slice) -> None:
     assert len(np.unique(parts[40:100, 112:230])) == 1
 
 
+def compressed(frame: np.ndarray, quality: int) -> np.ndarray:
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR))
+
+
+@pytest.mark.parametrize("shade", [0.3, 0.4, 0.5, 0.7])
+@pytest.mark.parametrize("bands", [((30, "violet"), (130, "green")), ((30, "violet"), (95, "green"), (165, "ochre"))])
+def test_a_side_in_the_shade_is_no_part_of_its_own(bands: tuple[tuple[int, str], ...], shade: float) -> None:
+    """Noise and compression change dark colours more."""
+    for quality in (60, 80):
+        frame = painted(*bands)
+        frame[85:100, 30:230] *= shade
+        parts = split_parts(compressed(taken(frame, blur_px=0.8), quality), MASK, max_parts=4)
+        assert set(np.unique(parts[MASK])) == set(range(1, len(bands) + 1))
+        ends = [first for first, _ in bands[1:]]
+        assert all(len(np.unique(parts[40:100, first + 4 : last - 4])) == 1 for first, last in zip((30, *ends), (*ends, 230), strict=True))
+
+
 def test_a_large_inlay_is_a_part() -> None:
     frame = painted((30, "violet"))
     frame[50:90, 80:150] = COLOURS["green"]
