@@ -78,7 +78,7 @@ def triangulate(body: Body, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) [m] and triangles (m, 3) of the outline; lines between parts lie on triangle sides."""
     region = _region(body)
     spacing = size / body.pitch_m
-    loops = [np.vstack([p[:-1] for p in smooth_loop(loop, spacing)]) for loop in boundary_loops(region) if len(loop) > 3 * spacing]
+    loops = [np.vstack([p[:-1] for p in smooth_loop(loop, spacing, _held(loop, body))]) for loop in boundary_loops(region) if len(loop) > 3 * spacing]
     loops = [loop for loop in loops if len(loop) > 2]
     if not loops:
         raise InputError("the silhouette of the body is smaller than one element; film the object larger or correct the mask")
@@ -96,6 +96,12 @@ def _region(body: Body) -> np.ndarray:
         return body.inside
     x = body.origin[0] + np.arange(body.inside.shape[0]) * body.pitch_m
     return body.inside & (x > 0)[:, None]
+
+
+def _held(loop: np.ndarray, body: Body) -> np.ndarray:
+    """Which midpoints (k, 2) of a region's sides [cells] lie on the clamped face, (k,)."""
+    first = np.floor(-body.origin[0] / body.pitch_m) + 1  # row of cells whose centres lie beyond x = 0
+    return np.asarray(body.clamped & (loop[:, 0] < first - 0.25))
 
 
 def _snapped(points: np.ndarray, body: Body) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import binary_closing, gaussian_filter1d
 
 CORNER_COSINE = np.cos(np.radians(40.0))  # sharper turns over an arm are corners, gentler ones curves [chosen]
 ARM_SHARE = 0.4  # arm of the corner test as a share of the spacing [chosen]
@@ -42,10 +42,15 @@ def _chain(follow: dict[tuple[int, int], list[tuple[int, int]]]) -> np.ndarray:
     return 0.5 * (points + np.roll(points, -1, 0))
 
 
-def smooth_loop(loop: np.ndarray, spacing: float) -> list[np.ndarray]:
+def smooth_loop(loop: np.ndarray, spacing: float, held: np.ndarray | None = None) -> list[np.ndarray]:
     """Pieces of a closed boundary between its corners, smoothed over a share of `spacing` (in cells) and sampled about
-    `spacing` apart; each piece (n, 2) ends where the next one begins."""
-    corners = _corners(loop, max(round(ARM_SHARE * spacing), 2))
+    `spacing` apart; each piece (n, 2) ends where the next one begins. Where the sides that are `held` (k,) begin and end there are corners."""
+    arm = max(round(ARM_SHARE * spacing), 2)
+    corners = _corners(loop, arm)
+    if held is not None:
+        ends = _ends(held, arm)
+        off = np.abs(corners[:, None] - ends)
+        corners = np.union1d(corners[(np.minimum(off, len(loop) - off) > arm).all(1)], ends)
     if not len(corners):
         closed = np.vstack([gaussian_filter1d(loop, SMOOTH_SHARE * spacing, axis=0, mode="wrap")] * 2)[: len(loop) + 1]
         return [_resample(closed, spacing, at_least=8)]
@@ -65,6 +70,12 @@ def _corners(loop: np.ndarray, arm: int) -> np.ndarray:
     if len(sharp) < 2:
         return sharp
     return sharp[np.diff(sharp, append=sharp[0] + len(loop)) > arm // 2]  # of equal neighbours keep the last
+
+
+def _ends(held: np.ndarray, gap: int) -> np.ndarray:
+    """Indices of the first and the last of every run of `held` sides (k,) of a closed boundary; gaps of up to `gap` belong to a run."""
+    bridged = binary_closing(np.tile(held, 3), np.ones(gap + 1, bool))[len(held) : 2 * len(held)]
+    return np.flatnonzero(bridged & ~(np.roll(bridged, 1) & np.roll(bridged, -1)))
 
 
 def _smooth_open(points: np.ndarray, sigma: float) -> np.ndarray:

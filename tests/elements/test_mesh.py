@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from diffphys_ros.elements.mesh import element_size, solid_mesh, triangulate
 from diffphys_ros.elements.outline import boundary_loops, smooth_loop
@@ -53,6 +54,30 @@ def test_the_clamped_face_lies_exactly_on_the_plane():
     mesh = solid_mesh(bar())
     face = mesh.vertices[np.abs(mesh.vertices[:, 0]) < 1e-12]
     assert np.ptp(face[:, 1]) == pytest.approx(HEIGHT, rel=1e-2)
+
+
+def test_the_clamped_face_is_as_wide_as_a_ragged_body_shows_it():
+    """Whatever its sides are like next to it: the sharpest turn of such an outline may lie beyond the face."""
+    body = bar()
+    rows = np.arange(body.inside.shape[1])
+    for seed in range(40):
+        uneven = gaussian_filter1d(np.random.default_rng(seed).normal(size=(2, len(body.inside))), 2, axis=1)
+        low, high = np.rint(3 * np.abs(uneven) / np.abs(uneven).max())[..., None]
+        ragged = replace(body, inside=(rows >= low) & (rows < len(rows) - high))
+        vertices = solid_mesh(ragged).vertices
+        assert np.ptp(vertices[np.abs(vertices[:, 0]) < 1e-12, 1]) == pytest.approx(ragged.inside[0].sum() * body.pitch_m, rel=2e-2)
+
+
+def test_two_held_faces_have_two_ends_each_and_a_gap_of_few_cells_none():
+    body = bar()
+    inside = body.inside.copy()
+    inside[:40, 40:60], inside[:2, 20] = False, False
+    vertices = solid_mesh(replace(body, inside=inside)).vertices
+    held = np.unique(vertices[np.abs(vertices[:, 0]) < 1e-12, 1].round(4))
+    for low, high in ((-0.05, -0.01), (0.01, 0.05)):
+        face = held[(held > low - 1e-3) & (held < high + 1e-3)]
+        assert np.ptp(face) == pytest.approx(high - low, abs=1.5e-3)
+        assert np.diff(face).min() > 0.5 * element_size(body)
 
 
 def test_triangles_are_well_shaped():
