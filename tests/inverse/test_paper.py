@@ -238,7 +238,7 @@ def test_a_held_force_that_an_earlier_result_tells_on_nodes_acts_there_again_and
     told = {"fit__hold": ["density", "damping", "force"], "fit__prescribe": str(tmp_path)}
     again = drive(solve(filmed, speckled(), settings(**told, **quick)))[1]
     moved = np.abs(earlier.trajectory - earlier.trajectory[0]).max()
-    assert np.abs(earlier.simulation.node_force).max() > 10 * np.abs(earlier.simulation.node_force.mean(1)).max()  # no uniform force
+    assert np.abs(earlier.simulation.node_force).max() > 5 * np.abs(earlier.simulation.node_force.mean(1)).max()  # once, were it uniform
     np.testing.assert_allclose(again.simulation.node_force, earlier.simulation.node_force, rtol=1e-6)
     np.testing.assert_allclose(again.trajectory, earlier.trajectory, atol=1e-4 * moved)
     assert again.metrics["psnr_masked"] == pytest.approx(earlier.metrics["psnr_masked"], abs=0.01)
