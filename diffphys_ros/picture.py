@@ -49,10 +49,10 @@ def length_at_unit_depth(camera: Camera, line_px: list[float]) -> float:
     return float(np.linalg.norm(ends[1] - ends[0]))
 
 
-def on_plane(camera: Camera, line_px: list[float], point: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """World points (2, 3) [m] at which the rays through a line's two points u v u v [px] meet the plane through `point` across `normal`, (3,) each."""
-    rays = camera.rays(np.reshape(line_px, (2, 2)).astype(float))
-    return camera.position + rays * (((point - camera.position) @ normal) / (rays @ normal))[:, None]
+def on_plane(camera: Camera, pixels: np.ndarray, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """World points (..., 3) [m] at which the rays through pixels (..., 2) meet the plane through `point` across `normal`, (3,) each."""
+    rays = camera.rays(pixels)
+    return camera.position + rays * (((point - camera.position) @ normal) / (rays @ normal))[..., None]
 
 
 def along_border(line_px: list[float], shape: tuple[int, int]) -> bool:

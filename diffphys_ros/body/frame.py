@@ -67,7 +67,7 @@ def _on_line(line_px: list[float], camera: Camera, surface: np.ndarray, towards_
     middle = np.reshape(line_px, (2, 2)).mean(0)
     away = np.abs(side_of(line_px, pixels)) + 1e-6 * np.linalg.norm(pixels - middle, axis=1)
     near = surface[away <= np.quantile(away, NEAR_LINE)]
-    ends = on_plane(camera, line_px, np.median(near, 0), towards_camera)
+    ends = on_plane(camera, np.reshape(line_px, (2, 2)), np.median(near, 0), towards_camera)
     normal = _unit(np.cross(towards_camera, ends[1] - ends[0]))
     normal *= np.sign(np.median((surface - ends[0]) @ normal)) or 1.0
     clamp = Clamp(ends.mean(0), normal, np.abs(ends[1] - ends[0]) / 2, f"scene.clamp_px {line_px}", drawn=True)

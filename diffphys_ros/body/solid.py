@@ -11,9 +11,9 @@ from scipy.ndimage import distance_transform_edt
 from ..config import Scene
 from ..errors import InputError
 from ..inpaint import nearest_known
-from ..picture import along_border
+from ..picture import along_border, on_plane
 from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
-from .view import FrontView, on_plane
+from .view import FrontView
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat
 THINNEST = 0.15  # of the half thickness where it does not recede: a thinner rim is left out, it carries no load; a thin strand does
@@ -169,20 +169,19 @@ def _seen_past(view: FrontView, height: np.ndarray, thickness_m: float) -> np.nd
     elsewhere = view.measured * (view.surface == 0)
     if not elsewhere.any():
         return np.zeros(height.shape, bool)
-    back = 2 * view.front - thickness_m - height
-    pixels, depth = view.pixels_at(back)
+    pixels, depth = view.pixels_at(2 * view.front - thickness_m - height)
     farther = nearest(nearest_known(elsewhere, elsewhere > 0), pixels) * (1 - IN_FRONT) > depth
-    return np.asarray(farther & (sample(view.soft, pixels) < 0.5) & ~_behind_clamp(view, back))
+    return np.asarray(farther & (sample(view.soft, pixels) < 0.5) & ~_behind_clamp(view, pixels))
 
 
-def _behind_clamp(view: FrontView, height: np.ndarray) -> np.ndarray:
-    """Cells (nx, ny) whose points at a `height` [m] below the front are looked at through the clamped plane, or within the outline's tolerance of it: what
-    holds the object hides them, and its own depth may be lost."""
+def _behind_clamp(view: FrontView, pixels: np.ndarray) -> np.ndarray:
+    """Which rays through pixels (nx, ny, 2) meet the front's plane behind the clamped one, or within the outline's tolerance of it: what holds the object
+    hides what is seen there of its back, and its own depth may be lost."""
     if view.clamp is None:
-        return np.zeros(height.shape, bool)
-    points = np.dstack([view.raster.centres, height])
-    eye = (view.camera.position - view.pose[:3, 3]) @ view.pose[:3, :3]
-    return np.asarray(on_plane(points.reshape(-1, 3), eye, view.front)[:, 0].reshape(height.shape) < ROOT_TOLERANCE_PX * view.footprint_m)
+        return np.zeros(pixels.shape[:2], bool)
+    along, up, centre = view.pose[:3, 0], view.pose[:3, 2], view.pose[:3, 3]
+    met = on_plane(view.camera, pixels, centre + view.front * up, up)
+    return np.asarray((met - centre) @ along < ROOT_TOLERANCE_PX * view.footprint_m)
 
 
 def local_half_width(inside: np.ndarray) -> np.ndarray:

@@ -130,13 +130,9 @@ def _pixels(mask: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 def on_front(seen: np.ndarray, eye: np.ndarray, front: float, below: float) -> np.ndarray:
     """x and y (Q, 2) at which the rays from `eye` (3,) through points (P, 3) in the body's frame [m] meet the front's plane, of points at most
     `below` under it: the outline as sharp as the picture shows it, whatever the depth's noise."""
-    return on_plane(seen[seen[:, 2] > front - below], eye, front)
-
-
-def on_plane(points: np.ndarray, eye: np.ndarray, front: float) -> np.ndarray:
-    """x and y (P, 2) at which the rays from `eye` (3,) through points (P, 3) in the body's frame [m] meet the front's plane."""
-    share = (front - eye[2]) / (points[:, 2] - eye[2])
-    return np.asarray(eye[:2] + share[:, None] * (points[:, :2] - eye[:2]))
+    kept = seen[seen[:, 2] > front - below]
+    share = (front - eye[2]) / (kept[:, 2] - eye[2])
+    return eye[:2] + share[:, None] * (kept[:, :2] - eye[:2])
 
 
 def height_noise(height: np.ndarray, mask: np.ndarray) -> float:

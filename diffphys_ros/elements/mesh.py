@@ -94,14 +94,17 @@ def triangulate(body: Body, size: float) -> tuple[np.ndarray, np.ndarray]:
 def _region(body: Body) -> np.ndarray:
     if not body.clamped:
         return body.inside
-    x = body.origin[0] + np.arange(body.inside.shape[0]) * body.pitch_m
-    return body.inside & (x > 0)[:, None]
+    return body.inside & (np.arange(len(body.inside)) >= _first_row(body))[:, None]
+
+
+def _first_row(body: Body) -> int:
+    """Of cells whose centres lie beyond x = 0."""
+    return int((body.origin[0] + np.arange(len(body.inside)) * body.pitch_m <= 0).sum())
 
 
 def _held(loop: np.ndarray, body: Body) -> np.ndarray:
     """Which midpoints (k, 2) of a region's sides [cells] lie on the clamped face, (k,)."""
-    first = np.floor(-body.origin[0] / body.pitch_m) + 1  # row of cells whose centres lie beyond x = 0
-    return np.asarray(body.clamped & (loop[:, 0] < first - 0.25))
+    return np.asarray(body.clamped & (loop[:, 0] < _first_row(body) - 0.25))
 
 
 def _snapped(points: np.ndarray, body: Body) -> np.ndarray:

@@ -36,7 +36,7 @@ def floor_of(body: Body, scene: Scene, camera: Camera) -> Floor | None:
 
 def _under_line(body: Body, line: list[float], camera: Camera) -> Floor:
     """The plane along the body's thickness through a line of the picture at its mid-plane; the object is above it."""
-    ends = body.to_body(on_plane(camera, line, body.world_from_body[:3, 3], body.world_from_body[:3, 2]))
+    ends = body.to_body(on_plane(camera, np.reshape(line, (2, 2)), body.world_from_body[:3, 3], body.world_from_body[:3, 2]))
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     up = np.array([-along[1], along[0], 0.0])
     up *= np.sign(np.median((body.front.points - ends[0]) @ up)) or 1.0

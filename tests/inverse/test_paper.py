@@ -232,13 +232,13 @@ def test_a_held_force_is_the_told_one_and_acts_on_nodes(filmed: Prepared) -> Non
 
 
 def test_a_held_force_that_an_earlier_result_tells_on_nodes_acts_there_again_and_repeats_its_motion(filmed: Prepared, tmp_path: Path) -> None:
-    quick = {"experiment__transition_iterations": 4, "experiment__field_iterations": 1}  # the second ends where it begins
+    quick = {"experiment__transition_iterations": 5, "experiment__field_iterations": 1}  # the second ends where it begins
     earlier = drive(solve(filmed, speckled(), settings(fit__hold=["density", "damping", "young"], **quick)))[1]
     result.save(earlier, filmed.clip, settings(), tmp_path)
     told = {"fit__hold": ["density", "damping", "force"], "fit__prescribe": str(tmp_path)}
     again = drive(solve(filmed, speckled(), settings(**told, **quick)))[1]
     moved = np.abs(earlier.trajectory - earlier.trajectory[0]).max()
-    assert np.abs(earlier.simulation.node_force).max() > 5 * np.abs(earlier.simulation.node_force.mean(1)).max()  # once, were it uniform
+    assert np.abs(earlier.simulation.node_force).max() > 10 * np.abs(earlier.simulation.node_force.mean(1)).max()  # no uniform force
     np.testing.assert_allclose(again.simulation.node_force, earlier.simulation.node_force, rtol=1e-6)
     np.testing.assert_allclose(again.trajectory, earlier.trajectory, atol=1e-4 * moved)
     assert again.metrics["psnr_masked"] == pytest.approx(earlier.metrics["psnr_masked"], abs=0.01)
