@@ -46,9 +46,12 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px or 0.0, soft)
     solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share, parallel=parallel)
     part = _parts(clip.labels[0], view, solid.inside)
+    counted = _counted(part, solid.inside) if _by_colour(clip, settings) else part
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle
-    body = _described(scene, clip, view, pose, solid, part)
+    body = _described(scene, clip, view, pose, solid, counted)
+    if counted.max() < part.max():
+        body = replace(body, sources=body.sources | {"colours": f"{part.max() - body.parts} that cover(s) no cell of the object is no part"})
     if settings.experiment.sheet_share and not scene.thickness_m:
         body = replace(body, sources=body.sources | {"thickness": "a thin sheet (experiment.sheet_share)"})
     body = replace(body, sources=body.sources | {"clamp": seen}) if seen else body
@@ -63,6 +66,18 @@ def _parts(labels: np.ndarray, view: FrontView, inside: np.ndarray) -> np.ndarra
     value = nearest(labels, view.front_pixels()[0])
     known = inside & object_mask(value)
     return nearest_known(value, known).astype(np.uint8) if known.any() else np.ones(inside.shape, np.uint8)
+
+
+def _by_colour(clip: Clip, settings: Settings) -> bool:
+    """Whether nobody but the program itself says which parts there are: neither a mask nor a list of values part by part."""
+    told = (settings.scene.density_kg_m3, settings.scene.poisson_ratio, settings.prior.materials)
+    return settings.scene.first_mask is None and clip.first_labels is None and all(values is None or len(values) < 2 for values in told)
+
+
+def _counted(part: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Part numbers (nx, ny) without those that no cell inside has, in the same order."""
+    kept = np.unique(part[inside])
+    return np.asarray(np.searchsorted(kept, nearest_known(part, inside)) + 1).astype(np.uint8)
 
 
 def _described(scene: Scene, clip: Clip, view: FrontView, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:

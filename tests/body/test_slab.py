@@ -11,8 +11,8 @@ import pytest
 
 from diffphys_ros.body import build_body
 from diffphys_ros.body.edges import coverage
-from diffphys_ros.body.solid import _gone_on, local_half_width
-from diffphys_ros.body.view import front_level, height_noise
+from diffphys_ros.body.solid import _behind_clamp, _gone_on, local_half_width
+from diffphys_ros.body.view import front_level, height_noise, view_of
 from diffphys_ros.config import Settings
 from diffphys_ros.depth import surface_depth
 from diffphys_ros.errors import InputError
@@ -181,6 +181,13 @@ def test_an_end_whose_back_the_mount_hides_is_not_cut_off_where_depth_is_lost() 
     assert usual.volume_m3 == pytest.approx(bar().volume, rel=0.03)
     assert body.inside[: round(0.02 / body.pitch_m)].sum(1).min() * body.pitch_m > 0.058
     assert body.volume_m3 == pytest.approx(usual.volume_m3, rel=0.015)
+
+
+def test_what_lies_three_pixels_before_the_clamped_face_is_still_hidden_by_what_holds_it(clip: Clip) -> None:
+    view = view_of(clip, surface_depth(clip, bar_settings())[0], clip.labels[0] > 0, bar_settings().scene)
+    x = np.array([-3, 0, 2.8, 3.2, 6]) * view.footprint_m
+    at = view.pose[:3, 3] + x[:, None, None] * view.pose[:3, 0] + view.front * view.pose[:3, 2]
+    np.testing.assert_array_equal(_behind_clamp(view, view.camera.project(at)[0])[:, 0], [True, True, True, False, False])
 
 
 def test_a_surface_of_which_no_depth_was_measured_is_a_body_all_the_same(clip: Clip, usual: Body) -> None:
@@ -459,11 +466,21 @@ def test_the_front_is_where_the_surface_is_highest_whatever_specks_rise_before_i
         assert front_level(height, mask, 2e-4) == pytest.approx(0.0, abs=7e-4)
 
 
-def test_a_part_without_cells_is_refused_by_its_number(clip: Clip) -> None:
+def test_a_part_without_cells_is_refused_by_its_number_where_somebody_told_the_parts(clip: Clip) -> None:
     labels = clip.labels.copy()
     labels[:, labels[0] > 0] += 1  # no pixel is left to part 1
-    with pytest.raises(InputError, match=r"part 1 of \d covers no cell of the object"):
-        build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())
+    for told in (bar_settings(scene__density_kg_m3=[900.0, 1000.0, 1100.0]), bar_settings(scene__first_mask="drawn.png")):
+        with pytest.raises(InputError, match=r"part 1 of 3 covers no cell of the object"):
+            build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], told)
+
+
+def test_a_colour_without_cells_is_no_part_where_nobody_tells_the_parts(clip: Clip, usual: Body) -> None:
+    labels = clip.labels.copy()
+    labels[:, labels[0] > 0] += 1
+    body = build_body(clip.with_labels(labels), surface_depth(clip, bar_settings())[0], bar_settings())
+    assert body.parts == 2
+    np.testing.assert_array_equal(body.part[body.inside], usual.part[body.inside])
+    assert body.sources["colours"] == "1 that cover(s) no cell of the object is no part"
 
 
 def test_front_sides_and_mass_are_those_of_the_solid(usual: Body) -> None:
