@@ -13,10 +13,10 @@ from ..damping import Damping
 from ..differences import differences
 from ..linear_systems import solved
 from . import interpolation
+from .detuned import EQUAL, Detuned
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left) [numerical]
-EQUAL = 1e-12  # squared frequencies that differ by less of the largest are equal [numerical]
 DAMPING_STEP = (1e-3, 1e-6)  # of alpha [1/s] and beta [s] [numerical]
 
 Weight = Callable[[np.ndarray], np.ndarray]
@@ -230,12 +230,13 @@ class ModalModel:
         those of `jacobian`."""
         return np.einsum("mcr,trs->tmcs", self.evaluate(points)[0], self.jacobian(young, **motion), optimize=True)  # type: ignore[arg-type]
 
-    def retuned(self, young: np.ndarray, detune: np.ndarray) -> ModalModel:
-        """The same model whose leading frequencies at `young` are exp(detune) (k,) times as high; the shapes stay."""
+    def retuned(self, young: np.ndarray, detune: np.ndarray, coupling: np.ndarray | None = None) -> ModalModel:
+        """The same model whose leading frequencies at `young` are exp(detune) (k,) times as high; the shapes stay, but for modes that are coupled to their
+        next by `coupling`, (k - 1,), see detuned.py."""
         omega2, shapes = self.eigen(young)
-        change = omega2[: len(detune)] * np.expm1(2 * detune)
-        leading = shapes[:, : len(detune)]
-        return replace(self, retuning=self.retuning + (leading * change) @ leading.T)
+        change = Detuned.of(omega2, detune, np.zeros(0) if coupling is None else coupling).change
+        leading = shapes[:, : len(change)]
+        return replace(self, retuning=self.retuning + leading @ change @ leading.T)
 
     def weighing(self, density: np.ndarray) -> ModalModel:
         """The same body with other densities (m,) [kg/m^3], on the span of the same shapes."""

@@ -130,8 +130,8 @@ class ForceProblem:
 
     def system(self, physics: Physics, footprint: np.ndarray) -> System:
         """What `solve` solves."""
-        omega2, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
-        omega2[: len(physics.detune)] *= np.exp(2 * physics.detune)
+        squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
+        omega2, shapes = physics.detuned(squares).leading(squares, shapes)
         step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
         unit = self.unit_of(footprint)
@@ -191,7 +191,7 @@ class ForceProblem:
     def left_open(self, physics: Physics, footprint: np.ndarray, *, believed: Believed = nothing) -> np.ndarray:
         """Standard deviations (n,) of log E [natural] by all that the motion leaves open with the force, the damping and the frequencies free: Gauss-Newton
         about what `refine` found, where a frame misses what it was found to."""
-        physics, residual = replace(physics, detune=np.zeros(DETUNED)), self._residual(physics, footprint, believed)
+        physics, residual = replace(physics, detune=np.zeros(DETUNED), coupling=None), self._residual(physics, footprint, believed)
         slope, missed = self._slope(physics, residual)(physics.vector()), residual(physics.vector())
         excess = max(float(missed @ missed) / max(int(self.known.sum()) * len(self.seen.operator), 1), 1.0)
         return np.sqrt(excess * np.maximum(np.diag(inverted(slope.T @ slope))[: len(physics.young)], 0.0))

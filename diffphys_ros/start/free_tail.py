@@ -15,6 +15,7 @@ from scipy.linalg import orth
 from scipy.optimize import least_squares
 
 from ..damping import Damping
+from ..modes.detuned import Detuned
 from ..modes.model import ModalModel
 from ..vibration.coordinates import Projection
 from ..vibration.forced_frames import FASTEST
@@ -22,6 +23,7 @@ from .untold import TOLD, Untold
 
 MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it [chosen]
 FREQUENCY_SD = 0.006  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode; with .01 told parts at the clamp lay .45 of their stated deviations off [docs/how_sure.md]
+COUPLING_SD = FREQUENCY_SD / np.sqrt(2.0)  # of two neighbouring modes by the same errors: of a random symmetric matrix, beside its diagonal [derived]
 RATIO_SD = np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts: half of it drew stiff outer parts to their neighbours [docs/how_sure.md]
 MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate [chosen]
 MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [1/s], [s] [chosen]
@@ -43,18 +45,36 @@ class Physics:
     detune: np.ndarray  # log of the body's frequencies over the model's, leading modes, (k,)
     density: np.ndarray | None = None  # [kg/m^3], (n,); None: the model's
     poisson: np.ndarray | None = None  # Poisson's ratios (n,); None: the model's
+    coupling: np.ndarray | None = None  # of each of these modes to the next (modes/detuned.py), (k - 1,); None: zeros
 
     @classmethod
     def of(cls, vector: np.ndarray, parts: int, untold: Untold = TOLD) -> Physics:
-        """From log E per part, then alpha, beta, what is untold of the materials, and detune, over their prior standard deviations."""
+        """From log E per part, then alpha, beta, what is untold of the materials, coupling and detune, over their prior standard deviations."""
         alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
-        rest = parts + 2 + untold.size
-        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), FREQUENCY_SD * vector[rest:], *untold.of(vector[parts + 2 : rest]))
+        first = parts + 2 + untold.size
+        own = len(vector) - (len(vector) - first + 1) // 2
+        coupling, detune = COUPLING_SD * vector[first:own], FREQUENCY_SD * vector[own:]
+        return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), detune, *untold.of(vector[parts + 2 : first]), coupling)
 
     def vector(self, untold: Untold = TOLD) -> np.ndarray:
-        """The inverse of `of`, (n + 2 + m + k,) with m unknowns of the materials."""
+        """The inverse of `of`, (n + 2 + m + k - 1 + k,) with m unknowns of the materials."""
         damping = self.damping.mass_per_s / MASS_DAMPING_SD, self.damping.stiffness_s / STIFFNESS_DAMPING_SD
-        return np.r_[np.log(self.young), damping, untold.unknown(self.density, self.poisson), self.detune / FREQUENCY_SD]
+        coupling = np.zeros(self.couplings) if self.coupling is None else self.coupling
+        return np.r_[np.log(self.young), damping, untold.unknown(self.density, self.poisson), coupling / COUPLING_SD, self.detune / FREQUENCY_SD]
+
+    @property
+    def couplings(self) -> int:
+        """How many of them there are."""
+        return max(len(self.detune) - 1, 0)
+
+    @property
+    def tuned(self) -> Physics:
+        """The same where the model has the body's frequencies."""
+        return replace(self, detune=np.zeros_like(self.detune), coupling=None)
+
+    def detuned(self, squares: np.ndarray) -> Detuned:
+        """The leading modes of a model of squared angular frequencies (r,) [1/s^2]."""
+        return Detuned.of(squares, self.detune, np.zeros(0) if self.coupling is None else self.coupling)
 
     def change(self, before: Physics) -> float:
         """Largest change of log E and log density of a part."""
@@ -63,7 +83,7 @@ class Physics:
 
     def bounds(self, untold: Untold = TOLD) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of a search from here."""
-        least, stiffest, free = np.log(LEAST_YOUNG), np.log(MOST_YOUNG), np.full(len(self.detune), np.inf)
+        least, stiffest, free = np.log(LEAST_YOUNG), np.log(MOST_YOUNG), np.full(self.couplings + len(self.detune), np.inf)
         log_young = np.clip(np.log(self.young), least, stiffest)
         most = [MOST_MASS_DAMPING / MASS_DAMPING_SD, MOST_STIFFNESS_DAMPING / STIFFNESS_DAMPING_SD]
         low, high = np.maximum(log_young - WIDEST, least), np.minimum(log_young + WIDEST, stiffest)
@@ -72,7 +92,7 @@ class Physics:
 
 
 def prior_residual(vector: np.ndarray, parts: int) -> np.ndarray:
-    """Residuals in standard deviations: log ratios of neighbouring parts, damping, what is untold of the materials and detuning."""
+    """Residuals in standard deviations: log ratios of neighbouring parts, damping, what is untold of the materials, coupling and detuning."""
     return np.concatenate([np.diff(vector[:parts], axis=0) / RATIO_SD, vector[parts:]])
 
 
@@ -211,12 +231,10 @@ class Tail:
     def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""
         squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
-        omega2 = self._resolved(squares)
+        model2 = self._resolved(squares)
+        omega2, shapes = physics.detuned(model2).leading(model2, shapes[:, : len(model2)])
         decay = physics.damping.decay(omega2)
-        omega = np.sqrt(np.maximum(omega2 - decay**2, SLOWEST2))
-        detune = physics.detune[: len(omega)]
-        omega[: len(detune)] *= np.exp(detune)
-        return omega, decay, self.seen.operator @ shapes[:, : len(omega)]
+        return np.sqrt(np.maximum(omega2 - decay**2, SLOWEST2)), decay, self.seen.operator @ shapes
 
     def _resolved(self, squares: np.ndarray) -> np.ndarray:
         """Squared angular frequencies (k,) of the modes that the frames resolve."""
@@ -229,24 +247,26 @@ class Tail:
         """Derivatives of what `_modes` says, (S, k) twice and (S, d, k), by the entries of Physics.vector(untold)."""
         parts, modes = len(physics.young), len(omega)
         material, first, squares, by_squares, by_shapes = self._material_changes(physics, untold)
-        size = first + len(physics.detune)
-        omega2, detune = self._resolved(squares), physics.detune[:modes]
-        by_omega2, by_decay, by_omega = (np.zeros((size, modes)) for _ in range(3))
+        model2 = self._resolved(squares)
+        leading = physics.detuned(model2)
+        count, own = len(leading.omega), first + physics.couplings
+        by_omega2, by_decay = (np.zeros((own + len(physics.detune), modes)) for _ in range(2))
         by_omega2[material] = np.where(squares[:modes] > SLOWEST2, by_squares[:, :modes], 0.0)
-        by_decay[material] = 0.5 * physics.damping.stiffness_s * by_omega2[material]
+        by_matrix = leading.by_squares(by_omega2[:, :count])
+        by_matrix[first:own] = COUPLING_SD * leading.by_coupling(physics.couplings)
+        by_matrix[own : own + count] = FREQUENCY_SD * leading.by_detune()
+        by_omega2[:, :count], by_turn = leading.slopes(by_matrix)
+        omega2, shapes = leading.leading(model2, self.modal.eigen(physics.young, physics.density, physics.poisson)[1][:, :modes])
+        by_decay[:] = 0.5 * physics.damping.stiffness_s * by_omega2
         by_decay[parts], by_decay[parts + 1] = 0.5 * MASS_DAMPING_SD, 0.5 * STIFFNESS_DAMPING_SD * omega2
-        by_inner = np.where(omega2 - decay**2 > SLOWEST2, by_omega2 - 2 * decay * by_decay, 0.0)
-        detuned = np.ones(modes)
-        detuned[: len(detune)] = np.exp(2 * detune)
-        by_omega[:] = 0.5 * detuned * by_inner / omega
-        leading = np.arange(len(detune))
-        by_omega[first + leading, leading] = FREQUENCY_SD * omega[leading]
-        by_seen = np.zeros((size, len(self.seen.operator), modes))
-        by_seen[material] = self.seen.operator @ by_shapes[:, :, :modes]
-        return by_omega, by_decay, by_seen
+        by_omega = 0.5 * np.where(omega2 - decay**2 > SLOWEST2, by_omega2 - 2 * decay * by_decay, 0.0) / omega
+        moved = np.zeros((len(by_omega2), len(shapes), modes))
+        moved[material] = by_shapes[:, :, :modes]
+        moved[:, :, :count] = moved[:, :, :count] @ leading.turn + shapes[:, :count] @ (leading.turn.T @ by_turn)
+        return by_omega, by_decay, self.seen.operator @ moved
 
     def _material_changes(self, physics: Physics, untold: Untold) -> tuple[np.ndarray, int, np.ndarray, np.ndarray, np.ndarray]:
-        """Which entries of Physics.vector(untold) are of materials, where the detuning begins, the squared frequencies, and derivatives of
+        """Which entries of Physics.vector(untold) are of materials, where coupling and detuning begin, the squared frequencies, and derivatives of
         these and of the shapes by those entries."""
         parts, modal = len(physics.young), self.modal
         density = physics.density if physics.density is not None or untold.densities is None else modal.density

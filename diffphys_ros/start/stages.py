@@ -68,7 +68,7 @@ class Fit:
             body, modal = replace(body, density=physics.density), modal.weighing(physics.density)
         if physics.poisson is not None:
             body, modal = replace(body, poisson=physics.poisson), modal.squeezing(physics.poisson)
-        modal = modal.retuned(physics.young, physics.detune).rotated(physics.young)
+        modal = modal.retuned(physics.young, physics.detune, physics.coupling).rotated(physics.young)
         return replace(self, evidence=replace(self.evidence, body=body), modal=modal, physics=replace(physics, density=None, poisson=None))
 
     @property

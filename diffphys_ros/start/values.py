@@ -85,7 +85,7 @@ def _tuned(fit: Fit) -> Fit:
     """The same with what was found in body and modal model; without the frequencies of modes that do not explain the free motion, which are none."""
     tuned = fit.tuned
     if fit.support.has_free_tail and _explained_badly(tuned):
-        return replace(fit, physics=replace(fit.physics, detune=np.zeros_like(fit.physics.detune))).tuned
+        return replace(fit, physics=fit.physics.tuned).tuned
     return tuned
 
 
@@ -161,7 +161,7 @@ def values_of(fit: Fit, *, clamp_sd: np.ndarray | float = 0.0, density_contrast:
     evidence, tail, free = fit.evidence, fit.tail, fit.support.has_free_tail
     detune = fit.physics.detune
     detuning = float(np.abs(detune).max(initial=0.0))
-    fit = replace(fit, physics=replace(fit.physics, detune=np.zeros_like(detune)))
+    fit = replace(fit, physics=fit.physics.tuned)
     residual = tail.missed_m(fit.physics)
     bend = Bend.of(tail, fit.physics) if free else None
     doubt = material_doubt(tail, fit.physics, bend, evidence.body, evidence.settings.scene, density_contrast, detune, twists=evidence.of_points)
@@ -290,8 +290,7 @@ def _with_clamp(reasons: list[tuple[bool, str]], clamp_sd: np.ndarray | float) -
 
 def _explained_badly(fit: Fit) -> bool:
     """Of a fit whose modal model has its frequencies."""
-    physics = replace(fit.physics, detune=np.zeros_like(fit.physics.detune))
-    return explained_badly(fit.tail.missed_m(physics), fit.evidence.motion.coherent_m, fit.tail.size_m)
+    return explained_badly(fit.tail.missed_m(fit.physics.tuned), fit.evidence.motion.coherent_m, fit.tail.size_m)
 
 
 def explained_badly(residual_m: float, noise_m: float, size_m: float) -> bool:
