@@ -63,11 +63,11 @@ SLIM = Bar(width=0.06, poisson=0.0)  # without Poisson's effect a clamp is what 
 WIDE = Bar()
 
 
-def fitted(bar: Bar, cells: float, per_cell: float, *, offset: float = 0.0) -> Lattice:
-    """Particles and grid as a fit lays them out, `cells` over the thickness; `offset` moves the grid along x, in cells."""
+def fitted(bar: Bar, cells: float, per_cell: float, *, offset: float = 0.0, reach_m: float = REACH_M) -> Lattice:
+    """Particles and grid as a fit lays them out, `cells` over the thickness; `offset` moves the grid along x, in cells; `reach_m` is the room for a motion."""
     dx = bar.thickness / cells
     particles = fill(bar.body(), dx, per_cell)
-    grid = fit_grid(particles, dx=dx, reach_m=REACH_M, clamped=True)
+    grid = fit_grid(particles, dx=dx, reach_m=reach_m, clamped=True)
     return particles, replace(grid, origin=grid.origin + np.array([offset * dx, 0, 0]))
 
 

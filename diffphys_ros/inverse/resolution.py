@@ -21,8 +21,8 @@ from ..types import Body
 # seconds per particle and substep, forward + backward, and per rendered frame; from benchmarks/substep.py, rounded up
 RATES = {"cpu": (8e-7, 0.06), "cuda": (2e-9, 0.004)}
 LEAST_SUBSTEP_S = {"cpu": 2e-5, "cuda": 5e-5}  # launches, however few the particles
-GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.6), (3, 2.0), (3, 1.6), (2, 2.0), (2, 1.5))  # (cells over the thickness, particles per cell and axis), best first
-TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly (docs/measurements/accuracy.md)
+GRIDS = ((6, 2.0), (5, 2.0), (4, 2.0), (4, 1.6), (3, 2.0), (3, 1.6), (2, 2.0), (2, 1.6))  # (cells over the thickness, particles per cell and axis), best first
+TRUE_PER_CELL = min(per_cell for _, per_cell in GRIDS)  # particles per cell and axis from which a grid bends truly, far too: they keep their weights (ANCHORED_PER_CELL, simulate/transition.py)
 LEAST_SPARSE = 3  # cells that a share of dense points is put on; coarser grids are for clips that are too dear for it
 SHOWN_COLUMNS = 4000  # of particles over the silhouette, at most, where nothing is simulated
 ENOUGH = 4  # cells that bend as truly as more (docs/measurements/accuracy.md) and twist within what the calibration takes up

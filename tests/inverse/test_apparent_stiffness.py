@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 from benchmarks.bars import Bar, Lattice, fitted, kinds_of
 from diffphys_ros.inverse import forward
 from diffphys_ros.inverse.apparent_stiffness import LEFT_OVER, Apparent, elastic_modes, measure_apparent, motion_share, swing_ratios, swings
+from diffphys_ros.inverse.resolution import GRIDS
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.particles import bind
 from diffphys_ros.simulate import ModalDamping, Simulator, substeps_per_frame
@@ -127,6 +128,22 @@ def test_what_the_lattice_takes_of_a_swing_is_measured_and_given_back(modal):
         left.append(last / first)
     assert left[0] < 0.985, "the lattice must take something for this to mean anything"
     assert left[1] == pytest.approx(1.0, abs=0.15 * (1 - left[0]))
+
+
+@pytest.mark.parametrize(("cells", "per_cell"), [GRIDS[-1], (3, 1.6)])
+def test_a_grid_that_may_be_chosen_swings_back_as_far_as_it_swung_though_it_is_far(cells: float, per_cell: float) -> None:
+    """.3 of its length. With 1.5 particles per cell and axis, which do not keep their weights, it comes back to .7 and .8 of it."""
+    slab = Bar(length=0.3, width=0.06, thickness=0.03)
+    (particles, grid), modal, young = fitted(slab, cells, per_cell, reach_m=0.15), slab.modal(), np.array([slab.young])
+    omega, value, gradient = elastic_modes(modal, young, particles, np.array([0]))
+    period_s = float(2 * np.pi / omega[0] / FRAMES_PER_PERIOD)
+    substeps = substeps_per_frame(slab.young, slab.poisson, slab.density, dx=grid.dx, period_s=period_s)
+    simulator, push = Simulator(particles, grid, substeps=substeps, period_s=period_s), 0.3 * slab.length * omega / np.abs(value).max()
+    tensor, force = simulator.tensor, torch.zeros(FRAMES_PER_PERIOD, *simulator.x_rest.shape)
+    with torch.no_grad():
+        path = simulator.rollout(simulator.rest(v=tensor(value @ push), C=tensor(gradient @ push)), tensor(slab.young), tensor(slab.poisson), force, 0.0)
+    swing = np.einsum("pc,tpc->t", particles.mass[:, None] * value[..., 0], (path.x - path.x[:1]).double().numpy())
+    assert -swing.min() / swing.max() == pytest.approx(1.0, abs=0.03)
 
 
 def test_elements_that_nothing_holds_are_not_let_swing(monkeypatch, modal):

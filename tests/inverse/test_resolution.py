@@ -99,10 +99,10 @@ def test_a_share_of_dense_points_sets_particles_per_cell_and_prefers_grids_that_
     p = plan(dense=100_000, **{"experiment.downsample_ratio": 0.01})
     assert p.kept == 1000
     assert p.per_cell == pytest.approx(p.dx / (0.003 / 1000) ** (1 / 3))
-    assert p.per_cell >= 1.5
-    coarser = plan(dense=100_000, **{"experiment.downsample_ratio": 0.003})
+    assert p.per_cell >= 1.6
+    coarser = plan(dense=100_000, **{"experiment.downsample_ratio": 0.0035})
     assert coarser.cells < p.cells
-    assert coarser.per_cell >= 1.5
+    assert coarser.per_cell >= 1.6
     assert plan().kept == 0
 
 
@@ -116,9 +116,9 @@ def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
         plan(dense=100_000, **{"experiment.downsample_ratio": 0.01, "experiment.per_cell": 2.0})
 
 
-@pytest.mark.parametrize(("per_cell", "said"), [(1.0, True), (1.5, False)])
+@pytest.mark.parametrize(("per_cell", "said"), [(1.5, True), (1.6, False)])
 def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
-    assert ("fewer than 1.5 bend several percent off" in plan(**{"experiment.per_cell": per_cell}).text()) == said
+    assert ("fewer than 1.6 bend several percent off" in plan(**{"experiment.per_cell": per_cell}).text()) == said
 
 
 def test_a_grid_that_no_memory_holds_is_refused_before_it_is_filled():
