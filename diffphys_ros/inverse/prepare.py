@@ -105,6 +105,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
         start, modal = landed_values(body, tracks, clip.period_s, settings, floor, camera=clip.camera)
     else:
         start, modal = start_values(body, tracks, clip.period_s, settings, camera=clip.camera, belief=belief, guess_scale=guess_scale)
+    freed = None
     if floor is None and joint_wanted(start, settings):
         yield Progress("modes", text="no free tail to read the stiffness from: force and stiffness together")
         start = joint_values(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, believed=belief is not None)
@@ -113,7 +114,7 @@ def prepare(clip: Clip, settings: Settings, *, guess_scale: float = 1.0) -> Gene
             start, modal = freed
             yield Progress("modes", text="what follows the last force swings freely: the stiffness is read from that")
     if prior is None and _may_hide_a_border(body, tracks, start, settings):
-        parted_by = parted_by_stiffness(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera)
+        parted_by = parted_by_stiffness(body, tracks, clip.period_s, settings, start, modal, camera=clip.camera, draws=freed is None)
         if parted_by is not None:
             body, start, modal = parted_by.body, parted_by.start, parted_by.modal
             yield Progress("modes", text=f"{body.parts} part(s), {body.sources['parts']}")

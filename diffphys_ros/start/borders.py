@@ -291,10 +291,13 @@ class Scan:
         return self._in_parts(square)
 
 
-def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera | None = None) -> Parted | None:
+def parted_by_stiffness(
+    body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera | None = None, draws: bool = True
+) -> Parted | None:
     """The body with the borders that its free motion asks for, one after the other, or as it is and less sure where one more may hide; None where neither is so.
 
-    Args: as for start_values, whose results start and modal are.
+    Args: as for start_values, whose results start and modal are. `draws`: whether the free part of the motion is seen well enough to draw a border for it; where
+        a joint fit found it, the force that is left in it asks for one as well.
     """
     variance, found, hidden = np.zeros(body.parts), Parted(body, start, modal), False
     words: list[str] = []
@@ -302,7 +305,7 @@ def parted_by_stiffness(body: Body, tracks: Tracks, period_s: float, settings: S
         evidence = Evidence(found.body, tracks, observe(found.body, tracks, camera), period_s, settings)
         zones = Zones.of(evidence, found.start, weighed=bool(words))
         scan = zones.scan()
-        if scan.evidence < LEAST_EVIDENCE or found.body.parts == settings.segment.max_parts:
+        if scan.evidence < LEAST_EVIDENCE or not draws or found.body.parts == settings.segment.max_parts:
             hidden = scan.doubtful
             variance = variance + (scan.further_variance() if words or hidden else 0.0)
             break

@@ -37,7 +37,8 @@ def seen_parts(monkeypatch: pytest.MonkeyPatch, swinging: Clip):
     """How many parts a swinging bar is prepared with, whose free motion is said to ask for a border in its middle."""
     said_to_be_free(monkeypatch, True)
 
-    def halved(body, tracks, period_s, settings, start, modal, *, camera):
+    def halved(body, tracks, period_s, settings, start, modal, *, camera, draws):
+        assert draws
         part = np.where(body.front.points[:, 0] > 0.1, 2, 1)
         return Parted(replace(body.with_parts(part, np.full(2, 500.0), np.full(2, 0.3)), sources=body.sources | {"parts": "by stiffness"}), replace(start, density=np.full(2, 500.0), poisson=np.full(2, 0.3)), modal)
 
@@ -65,5 +66,7 @@ def test_what_follows_the_last_force_of_a_joint_fit_is_asked_for_the_stiffness(m
 
     monkeypatch.setattr(diffphys_ros.start, "joint_values", lambda *told, **more: replace(told[4], reasons=("jointly",)))
     monkeypatch.setattr(diffphys_ros.start, "freed_values", freed)
-    monkeypatch.setattr(diffphys_ros.start, "parted_by_stiffness", lambda *told, **more: None)
+    asked = []
+    monkeypatch.setattr(diffphys_ros.start, "parted_by_stiffness", lambda *told, **more: asked.append(more["draws"]))
     assert finished(prepare(swinging, bar_settings())).start.reasons[0].startswith("freed")
+    assert asked == [False]

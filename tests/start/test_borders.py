@@ -24,14 +24,14 @@ STIFF, SOFT = 8e5, 2e5  # Pa
 
 
 @cache
-def found(edges: tuple[float, ...], young: tuple[float, ...]) -> Parted | None:
+def found(edges: tuple[float, ...], young: tuple[float, ...], *, draws: bool = True) -> Parted | None:
     """What a bar that is taken for one part is parted into, by noisy tracks of a bar with parts."""
     true = bar(edges=edges, **SIZE)
     modes = modes_of(true, np.array(young), finer=0.85, count=12)
     seen = tracks(modes, motion(modes, np.array(young), gust(peak=1500.0)), seed=0)
     body, words = bar(edges=(), **SIZE), settings(at_rest=True, density_kg_m3=[600.0])
     start, modal = start_values(body, seen, PERIOD_S, words)
-    return parted_by_stiffness(body, seen, PERIOD_S, words, start, modal)
+    return parted_by_stiffness(body, seen, PERIOD_S, words, start, modal, draws=draws)
 
 
 @pytest.mark.slow
@@ -71,6 +71,15 @@ def test_a_border_that_is_neither_drawn_nor_ruled_out_leaves_one_part_whose_modu
     assert (np.abs(np.log10(parted.start.young / (inner, outer))) < 2 * sd).all()
     assert "one more border would explain the free motion better" in parted.start.reasons[0]
     assert "one more border would explain the free motion better" in parted.body.sources["parts"]
+
+
+@pytest.mark.slow
+def test_a_border_is_not_drawn_where_a_joint_fit_found_what_is_free_but_no_modulus_is_told_either():
+    parted = found((BORDER,), (STIFF, SOFT), draws=False)
+    assert parted.body.parts == 1
+    assert parted.start.has_free_tail
+    assert not parted.start.identified.any()
+    assert "one more border would explain the free motion better" in parted.start.reasons[0]
 
 
 def zones_of(true: Body) -> Zones:
