@@ -13,16 +13,17 @@ from ..modes.model import ModalModel
 from ..types import Body, Camera, StartValues, Tracks
 from ..vibration.forced_frames import Support, least_tail_frames, runs
 from .second_reading import fit_at
-from .values import LEAST_SD, one_swing_hz, values_under, widened
+from .values import one_swing_hz, values_under, widened
 
 UNSEEN = "the motion alone does not show where its free part begins"
+FREED_SD = 0.03  # of log10 E, at the least, by force that is left in such a tail: seven parts at the clamp were off by .009 at the most [docs/how_sure.md]
 FAINT = 0.3  # of the largest force: what ends a clip with no more may be what the modes miss of a large swing [chosen]
 
 
 def freed_values(
     body: Body, tracks: Tracks, period_s: float, settings: Settings, start: StartValues, modal: ModalModel, *, camera: Camera
 ) -> tuple[StartValues, ModalModel] | None:
-    """Start values by the frames after the last force of a joint fit, faint ones at its end left out where need be, to LEAST_SD of log10 E at best, and their modes; None where
+    """Start values by the frames after the last force of a joint fit, faint ones at its end left out where need be, to FREED_SD of log10 E at best, and their modes; None where
     that tells no stiffness, where those frames are too few, or where free modes do not explain them. Arguments as for joint_values, whose result `start` is."""
     if start.has_free_tail or not start.identified.any() or tracks.normals is not None:
         return None
@@ -36,7 +37,7 @@ def freed_values(
             continue
         found, modes = values_under(evidence, each)
         if found.modes_hold and found.identified.any():
-            return widened(found, LEAST_SD, UNSEEN), modes
+            return widened(found, FREED_SD, UNSEEN), modes
     return None
 
 

@@ -10,7 +10,7 @@ import pytest
 from diffphys_ros.damping import Damping
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import freed_values, joint_values, start_values
-from diffphys_ros.start.values import LEAST_SD
+from diffphys_ros.start.freed import FREED_SD
 from diffphys_ros.types import Body, StartValues, Tracks
 from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, blade, camera, modes_of, push_on_its_corner, settings, tracks
 
@@ -69,7 +69,7 @@ def test_the_free_frames_that_a_joint_fit_uncovers_tell_what_it_took_for_stiffne
     assert found.has_free_tail
     assert error.max() < 0.03
     assert error.max() < 0.5 * before.max()
-    assert (found.log10_young_sd >= LEAST_SD).all()
+    assert (found.log10_young_sd > FREED_SD).all()
     assert abs(found.poisson[0] - RUBBER) < 0.05
 
 
