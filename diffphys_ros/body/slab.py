@@ -46,7 +46,7 @@ def build_body(clip: Clip, depth0: np.ndarray, settings: Settings, *, behind_px:
     view = view_of(clip, depth0, mask_with_depth(clip.labels[0], depth0), scene, behind_px or 0.0, soft)
     solid = solid_of(view, scene, sheet_share=settings.experiment.sheet_share, parallel=parallel)
     part = _parts(clip.labels[0], view, solid.inside)
-    counted = _counted(part, solid.inside) if _by_colour(clip, settings) else part
+    counted = _counted(part) if _by_colour(clip, settings) else part
     pose = view.pose.copy()
     pose[:3, 3] += pose[:3, 2] * solid.middle
     body = _described(scene, clip, view, pose, solid, counted)
@@ -70,14 +70,12 @@ def _parts(labels: np.ndarray, view: FrontView, inside: np.ndarray) -> np.ndarra
 
 def _by_colour(clip: Clip, settings: Settings) -> bool:
     """Whether nobody but the program itself says which parts there are: neither a mask nor a list of values part by part."""
-    told = (settings.scene.density_kg_m3, settings.scene.poisson_ratio, settings.prior.materials)
-    return settings.scene.first_mask is None and clip.first_labels is None and all(values is None or len(values) < 2 for values in told)
+    return settings.scene.first_mask is None and clip.first_labels is None and not settings.told_by_part
 
 
-def _counted(part: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Part numbers (nx, ny) without those that no cell inside has, in the same order."""
-    kept = np.unique(part[inside])
-    return np.asarray(np.searchsorted(kept, nearest_known(part, inside)) + 1).astype(np.uint8)
+def _counted(part: np.ndarray) -> np.ndarray:
+    """Part numbers (nx, ny) 1.. without those that no cell has, in the same order."""
+    return np.asarray(np.unique(part, return_inverse=True)[1].reshape(part.shape) + 1).astype(np.uint8)
 
 
 def _described(scene: Scene, clip: Clip, view: FrontView, pose: np.ndarray, solid: Solid, part: np.ndarray) -> Body:

@@ -303,3 +303,9 @@ class Settings:
     publish: Publish = group(Publish, OUT)
     capture: CaptureSettings = group(CaptureSettings, STILL)
     experiment: Experiment = group(Experiment, EXPERIMENT)
+
+    @property
+    def told_by_part(self) -> tuple[int, ...]:
+        """How many values there are of each material setting that is told part by part."""
+        lists = (self.scene.density_kg_m3, self.scene.poisson_ratio, self.prior.materials)
+        return tuple(len(told) for told in lists if told is not None and len(told) > 1)

@@ -28,8 +28,9 @@ class Detuned:
     turn: np.ndarray  # its modes as columns of those of the model, (k, k)
 
     @classmethod
-    def of(cls, squares: np.ndarray, detune: np.ndarray, coupling: np.ndarray) -> Detuned:
+    def of(cls, squares: np.ndarray, detune: np.ndarray, coupling: np.ndarray | None = None) -> Detuned:
         """Of the model's squared angular frequencies (r,), of which the leading len(detune) are off, and coupled each to the next as far as `coupling` goes."""
+        coupling = np.zeros(0) if coupling is None else coupling
         omega, detune = np.sqrt(np.maximum(squares[: len(detune)], 0.0)), detune[: len(squares)]
         inner, close, beside = np.diag(np.exp(2 * detune)), _closeness(omega), np.arange(min(len(coupling), max(len(omega) - 1, 0)))
         inner[beside, beside + 1] = inner[beside + 1, beside] = 2 * close[beside] * coupling[beside]
@@ -74,12 +75,17 @@ class Detuned:
         return np.diagonal(self.inner, 1) * self.omega[:-1] * self.omega[1:]
 
     def slopes(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes (S, k) of the squared frequencies and (S, k, k) of `turn` with those of the matrix, (S, k, k). What modes of equal frequency turn among
-        themselves changes no motion and is left out."""
+        """Changes (S, k) of the squared frequencies with those of the matrix, (S, k, k), and how the body's modes mix with them, (S, k, k)."""
         inside = self.turn.T @ change @ self.turn
-        apart = self.squares - self.squares[:, None]
-        equal = np.abs(apart) <= EQUAL * np.abs(self.squares).max(initial=0.0)
-        return np.diagonal(inside, axis1=1, axis2=2), self.turn @ np.where(equal, 0.0, inside / np.where(equal, 1.0, apart))
+        return np.diagonal(inside, axis1=1, axis2=2), mixed(inside, self.squares)
+
+
+def mixed(change: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """How much each mode takes on of the others, (S, k, k) with a column for each, where the matrix whose diagonal their `squares` (k,) are changes by
+    (S, k, k) on them. What modes of equal frequency turn among themselves changes no motion and is left out."""
+    apart = squares - squares[:, None]
+    equal = np.abs(apart) <= EQUAL * np.abs(squares).max(initial=0.0)
+    return np.where(equal, 0.0, change / np.where(equal, 1.0, apart))
 
 
 def _apart(omega: np.ndarray) -> np.ndarray:

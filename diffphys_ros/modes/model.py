@@ -13,7 +13,7 @@ from ..damping import Damping
 from ..differences import differences
 from ..linear_systems import solved
 from . import interpolation
-from .detuned import EQUAL, Detuned
+from .detuned import Detuned, mixed
 from .response import SLOWEST, Step, convolve
 
 LOG_STEP = 1e-4  # of log E, for differences of the exact response (float64: 8 digits are left) [numerical]
@@ -117,10 +117,7 @@ class ModalModel:
         if poisson is not None:
             change = np.concatenate([change, shapes.T @ (each_young * self._by_ratio(poisson)) @ shapes])
             own = np.pad(own, ((0, len(poisson)), (0, 0)))
-        apart = squares - squares[:, None]
-        equal = np.abs(apart) < EQUAL * np.abs(squares).max()
-        mixed = np.where(equal, 0.0, change / np.where(equal, 1.0, apart)) + own[:, :, None] * np.eye(self.modes)
-        return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ mixed
+        return squares, np.diagonal(change, axis1=1, axis2=2), shapes @ (mixed(change, squares) + own[:, :, None] * np.eye(self.modes))
 
     def _by_ratio(self, poisson: np.ndarray) -> np.ndarray:
         """Derivatives of the stiffness per part and Pa (n, r, r) by Poisson's ratio, at ratios (n,)."""
@@ -234,7 +231,7 @@ class ModalModel:
         """The same model whose leading frequencies at `young` are exp(detune) (k,) times as high; the shapes stay, but for modes that are coupled to their
         next by `coupling`, (k - 1,), see detuned.py."""
         omega2, shapes = self.eigen(young)
-        change = Detuned.of(omega2, detune, np.zeros(0) if coupling is None else coupling).change
+        change = Detuned.of(omega2, detune, coupling).change
         leading = shapes[:, : len(change)]
         return replace(self, retuning=self.retuning + leading @ change @ leading.T)
 

@@ -21,8 +21,7 @@ REFINEMENTS = 4
 
 def most_parts(settings: Settings) -> int:
     """`segment.max_parts`, and no more than there are values told part by part: whoever tells two densities sees two parts."""
-    by_part = (settings.scene.density_kg_m3, settings.scene.poisson_ratio, settings.prior.materials)
-    return min([settings.segment.max_parts, *(len(told) for told in by_part if told is not None and len(told) > 1)])
+    return min([settings.segment.max_parts, *settings.told_by_part])
 
 
 def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.ndarray:

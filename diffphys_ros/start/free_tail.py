@@ -52,7 +52,7 @@ class Physics:
         """From log E per part, then alpha, beta, what is untold of the materials, coupling and detune, over their prior standard deviations."""
         alpha, beta = vector[parts : parts + 2] * (MASS_DAMPING_SD, STIFFNESS_DAMPING_SD)
         first = parts + 2 + untold.size
-        own = len(vector) - (len(vector) - first + 1) // 2
+        own = first + (len(vector) - first) // 2
         coupling, detune = COUPLING_SD * vector[first:own], FREQUENCY_SD * vector[own:]
         return cls(np.exp(vector[:parts]), Damping(float(alpha), float(beta)), detune, *untold.of(vector[parts + 2 : first]), coupling)
 
@@ -74,7 +74,7 @@ class Physics:
 
     def detuned(self, squares: np.ndarray) -> Detuned:
         """The leading modes of a model of squared angular frequencies (r,) [1/s^2]."""
-        return Detuned.of(squares, self.detune, np.zeros(0) if self.coupling is None else self.coupling)
+        return Detuned.of(squares, self.detune, self.coupling)
 
     def change(self, before: Physics) -> float:
         """Largest change of log E and log density of a part."""
@@ -255,14 +255,14 @@ class Tail:
         by_matrix = leading.by_squares(by_omega2[:, :count])
         by_matrix[first:own] = COUPLING_SD * leading.by_coupling(physics.couplings)
         by_matrix[own : own + count] = FREQUENCY_SD * leading.by_detune()
-        by_omega2[:, :count], by_turn = leading.slopes(by_matrix)
+        by_omega2[:, :count], mixed = leading.slopes(by_matrix)
         omega2, shapes = leading.leading(model2, self.modal.eigen(physics.young, physics.density, physics.poisson)[1][:, :modes])
         by_decay[:] = 0.5 * physics.damping.stiffness_s * by_omega2
         by_decay[parts], by_decay[parts + 1] = 0.5 * MASS_DAMPING_SD, 0.5 * STIFFNESS_DAMPING_SD * omega2
         by_omega = 0.5 * np.where(omega2 - decay**2 > SLOWEST2, by_omega2 - 2 * decay * by_decay, 0.0) / omega
         moved = np.zeros((len(by_omega2), len(shapes), modes))
         moved[material] = by_shapes[:, :, :modes]
-        moved[:, :, :count] = moved[:, :, :count] @ leading.turn + shapes[:, :count] @ (leading.turn.T @ by_turn)
+        moved[:, :, :count] = moved[:, :, :count] @ leading.turn + shapes[:, :count] @ mixed
         return by_omega, by_decay, self.seen.operator @ moved
 
     def _material_changes(self, physics: Physics, untold: Untold) -> tuple[np.ndarray, int, np.ndarray, np.ndarray, np.ndarray]:

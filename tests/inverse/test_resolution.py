@@ -116,7 +116,7 @@ def test_a_share_that_leaves_cells_empty_is_refused_with_one_that_does_not():
         plan(dense=100_000, **{"experiment.downsample_ratio": 0.01, "experiment.per_cell": 2.0})
 
 
-@pytest.mark.parametrize(("per_cell", "said"), [(1.5, True), (1.6, False)])
+@pytest.mark.parametrize(("per_cell", "said"), [(1.0, True), (1.5, True), (1.6, False)])
 def test_particles_too_few_to_bend_truly_are_named(per_cell, said):
     assert ("fewer than 1.6 bend several percent off" in plan(**{"experiment.per_cell": per_cell}).text()) == said
 

@@ -53,7 +53,8 @@ def test_the_slopes_are_what_differences_find(omega2: np.ndarray) -> None:
     np.testing.assert_allclose(np.moveaxis(found.by_detune(), 0, -1), differences(lambda d: matrix(omega2, np.r_[d, detune[count:]], coupling), detune[:count]), rtol=1e-5, atol=1e-6)
     by_coupling = np.moveaxis(found.by_coupling(3), 0, -1)
     np.testing.assert_allclose(by_coupling, differences(lambda c: matrix(omega2, detune, c), coupling), rtol=1e-5, atol=1e-6)
-    by_square, by_turn = found.slopes(np.moveaxis(by_coupling, -1, 0))
+    by_square, mixed = found.slopes(np.moveaxis(by_coupling, -1, 0))
+    by_turn = found.turn @ mixed
     np.testing.assert_allclose(by_square.T, differences(lambda c: Detuned.of(omega2, detune, c).squares, coupling), rtol=1e-4, atol=1e-4)
     projected = by_turn @ found.turn.T
     projector = differences(lambda c: np.outer(*2 * (Detuned.of(omega2, detune, c).turn[:, 0],)), coupling)

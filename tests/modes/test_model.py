@@ -10,6 +10,7 @@ from diffphys_ros import store
 from diffphys_ros.damping import Damping
 from diffphys_ros.elements.mesh import solid_mesh
 from diffphys_ros.modes import interpolation
+from diffphys_ros.modes.detuned import Detuned
 from diffphys_ros.modes.model import ModalModel
 from diffphys_ros.modes.response import Step
 from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, bar, gust, modes_of, motion
@@ -119,6 +120,17 @@ def test_track_derivatives_are_those_of_the_points(modal):
 def test_retuning_moves_the_leading_frequencies_alone(modal):
     tuned = modal.retuned(YOUNG, np.array([0.02, -0.01]))
     assert tuned.frequencies(YOUNG)[:3] / modal.frequencies(YOUNG)[:3] == pytest.approx([np.exp(0.02), np.exp(-0.01), 1.0], rel=1e-9)
+
+
+def test_retuning_couples_modes_of_nearly_one_frequency():
+    square, young = modes_of(bar(thickness=0.1, edges=()), YOUNG[:1]), YOUNG[:1]
+    before, shapes = square.eigen(young)
+    detune, coupling = np.array([0.01, 0.0]), np.array([0.004])
+    wanted, turned = Detuned.of(before, detune, coupling).leading(before, shapes)
+    assert wanted[1] / wanted[0] > 1.01 * before[1] / before[0]
+    squares, found = square.retuned(young, detune, coupling).eigen(young)
+    assert squares == pytest.approx(np.sort(wanted), rel=1e-9)
+    np.testing.assert_allclose(np.abs(found.T @ turned[:, np.argsort(wanted)]), np.eye(len(squares)), atol=1e-6)
 
 
 def test_another_basis_describes_the_same_motion(modal):

@@ -58,7 +58,10 @@ def test_the_slope_of_the_tail_is_what_differences_find(told: dict[str, Any], at
     found = tail.slope(Physics.of(vector, 2, untold), untold)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max(), rtol=0)
     size = np.abs(expected).max(0)
-    assert (np.abs(found - expected).max(0) < 1e-3 * np.maximum(size, 1e-6 * size.max())).all()  # modes far apart are not coupled
+    idle = size < 1e-6 * size.max()
+    assert set(np.flatnonzero(idle)) <= set(range(len(vector) - 7, len(vector) - 4)), "only modes far apart, by their coupling, may do nothing"
+    assert (np.abs(found - expected).max(0) < 1e-3 * size)[~idle].all()
+    assert np.abs(found[:, idle]).max(initial=0.0) < 1e-6 * size.max()
 
 
 def test_of_one_slow_swing_that_decays_both_dampings_have_the_share_that_is_believed() -> None:
