@@ -23,7 +23,8 @@ YOUNG = np.array([2.0e5, 1.1e5])  # Pa
 FRAMES, PERIOD_S = 42, 1 / 30
 FORCED = slice(3, 11)
 BETA = 1e-3  # s
-NOISE_M, COHERENT_M = 1e-4, 3e-5
+SMALL = 0.01  # of a swing of a tenth of the bar: linear modes are right about it to the noise, which is as much less
+NOISE_M, COHERENT_M = SMALL * 1e-4, SMALL * 3e-5
 
 
 def bar(
@@ -75,10 +76,10 @@ def modes_of(body: Body, young: np.ndarray, *, finer: float = 1.0, count: int = 
 
 
 def gust(direction: tuple[float, float, float] = (0.0, 0.6, 1.0), peak: float = 2500.0) -> np.ndarray:
-    """Uniform force density (T, 3) [N/m^3]: one sine over the forced frames."""
+    """Uniform force density (T, 3): one sine over the forced frames, SMALL times as large as its peak [N/m^3]."""
     count = FORCED.stop - FORCED.start
     force = np.zeros((FRAMES, 3))
-    force[FORCED] = peak * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)[:, None] * direction
+    force[FORCED] = SMALL * peak * np.sin(2 * np.pi * (np.arange(count) + 0.5) / count)[:, None] * direction
     return force
 
 

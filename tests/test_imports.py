@@ -15,7 +15,7 @@ import diffphys_ros
 
 PACKAGE = Path(diffphys_ros.__file__).parent
 
-GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "differences", "rotations", "similarity", "inpaint", "ways", "colours", "hooke"}
+GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "nuisance", "differences", "rotations", "similarity", "inpaint", "ways", "colours", "hooke"}
 SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
@@ -34,6 +34,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "devices": {"errors"},
     "progress": set(),
     "linear_systems": set(),
+    "nuisance": set(),
     "differences": set(),
     "rotations": set(),
     "similarity": set(),

@@ -34,7 +34,7 @@ def with_doubt(
     if not start.forced.any():
         return replace(recovery, net_force_sd=np.zeros_like(net), net_force_peak=0.0, net_force_peak_sd=0.0)
     clip, tracks = prepared.clip, seen or prepared.tracks
-    fit = fit_at(prepared.body, tracks, clip.period_s, settings, start, prepared.modal, camera=clip.camera, first_order=False)
+    fit = fit_at(prepared.body, tracks, clip.period_s, settings, start, prepared.modal, camera=clip.camera, first_order=seen is not None)
     doubt = net_force_doubt(fit, start.log10_young_sd, missed_m=missed_m)
     turn = prepared.body.world_from_body[:3, :3]
     sd = np.zeros_like(net)

@@ -1,10 +1,11 @@
-"""Motion of damped oscillators under a force that is constant within a frame: exact integration. numpy only."""
+"""Motion of damped oscillators under a force that is constant within a frame: exact integration. numpy and scipy only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 SLOWEST = 1e-3  # [rad/s]; rigid motion is integrated as an oscillation this slow [numerical]
 
@@ -60,3 +61,9 @@ def convolve(pulse: np.ndarray, load: np.ndarray) -> np.ndarray:
     for k in range(frames):
         rows[k:] += pulse[: frames - k] * load[k]
     return rows
+
+
+def driven(omega2: np.ndarray, decay: np.ndarray, period_s: float, load: np.ndarray, substeps: int) -> np.ndarray:
+    """Displacements (T, r) at the frame times from rest under loads ((T - 1) substeps, r), each constant over its share of a frame; other arguments as for Step."""
+    pulse = Step.of(omega2, decay, period_s / substeps).pulse(len(load) + 1)
+    return np.asarray(fftconvolve(pulse, load, axes=0)[: len(load) + 1 : substeps])

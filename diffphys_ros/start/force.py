@@ -18,6 +18,7 @@ from ..modes.response import Step
 from ..vibration.coordinates import Projection
 from .along import Stiff, beside
 from .free_tail import DETUNED, Physics, physical, prior_residual
+from .large_swing import LargeSwing
 
 FORCE_SD = 3.0  # of an amplitude, in units of the accelerations seen times the density: wide, it only calms what is not seen [chosen]
 FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
@@ -53,6 +54,7 @@ class System:
     """The linear problem of the force at given physics and footprint; u unknowns: amplitudes of the allowed frames (3 F), then initial displacements and rates."""
 
     design: np.ndarray  # observed motion per unit of each unknown [m], (T, d, u)
+    driven: np.ndarray  # observed motion of modes that products of others drive [m], (T, d)
     unit: float  # of the amplitudes [N/m^3]
     initial_unit: np.ndarray  # of initial displacements and rates, (2, m)
     shapes: np.ndarray  # eigenmodes, (r, r)
@@ -75,6 +77,7 @@ class ForceProblem:
     along: np.ndarray  # unit vector along the body (start/along.py), (3,)
     has_depth: bool  # whether motion along the line of sight was measured
     common_m: float  # of the tracks' error: what is common to all points [m]
+    swing: LargeSwing | None  # what goes with the square of the amplitude; None: the tracks hold what is linear in it alone
     expected: np.ndarray | None = None  # rows (h, k, F) of what a force as large as that across would cost in the allowed frames and each of the stiff ways, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
@@ -105,15 +108,15 @@ class ForceProblem:
         rows = np.vstack([np.kron(each / share, way) for each, way, share in zip(self.expected, self.stiff.ways, self.stiff.shares, strict=True)])
         return np.vstack([_calming(heaviness, beside(self.stiff.ways), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
 
-    @cached_property
-    def _target(self) -> np.ndarray:
-        """What the design and the priors are fitted to."""
-        return np.concatenate([self.seen.data[self.known].ravel() / self.sigma_m, np.zeros(len(self._calm))])
+    def _told(self, over_time: np.ndarray) -> np.ndarray:
+        """Motions (T, ...) [m] as they count, in standard deviations, in the known frames, (K, ...)."""
+        known = over_time[self.known] / self.sigma_m
+        return known if self.swing is None else self.swing.products.weighed(known)
 
     def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
         """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
         system = self.system(physics, footprint)
-        unknown, residual = self._least_squares(system.design)
+        unknown, residual = self._least_squares(system)
         force, split = np.zeros((len(self.known), 3)), 3 * int(self.allowed.sum())
         force[self.allowed] = unknown[:split].reshape(-1, 3) * system.unit
         start = system.initial_unit * unknown[split:].reshape(system.initial_unit.shape)
@@ -132,12 +135,14 @@ class ForceProblem:
         """What `solve` solves."""
         squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
         omega2, shapes = physics.detuned(squares).leading(squares, shapes)
-        step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
+        decay = physics.damping.decay(omega2)
+        step = Step.of(omega2, decay, self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
         unit = self.unit_of(footprint)
         initial_unit = self._initial_unit(omega2)
         design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
-        return System(design, unit, initial_unit, shapes)
+        driven = np.zeros_like(self.seen.data) if self.swing is None else self.swing.driven(physics.young, omega2, decay, shapes) @ seen.T
+        return System(design, driven, unit, initial_unit, shapes)
 
     def unit_of(self, footprint: np.ndarray) -> float:
         """Of the amplitudes under modal loads `footprint` (r, 3), which then move the body as far as uniform ones [N/m^3]."""
@@ -146,10 +151,12 @@ class ForceProblem:
     def gain(self, system: System) -> tuple[np.ndarray, np.ndarray]:
         """How the unknowns that `solve` finds follow the motion [1/m], (u, K, d) over the known frames, and the true unknowns, (u, u): less than the identity by what
         the priors take off."""
-        design = system.design[self.known].reshape(-1, system.design.shape[2]) / self.sigma_m
-        normal = design.T @ design + self._calm.T @ self._calm + SINGULAR * np.eye(design.shape[1])
-        gain = solved(normal, design.T)
-        return gain.reshape(len(gain), -1, system.design.shape[1]) / self.sigma_m, gain @ design
+        design = self._told(system.design)
+        flat = design.reshape(-1, design.shape[2])
+        normal = flat.T @ flat + self._calm.T @ self._calm + SINGULAR * np.eye(flat.shape[1])
+        twice = design if self.swing is None else self.swing.products.weighed(design)  # of the motion itself, which is weighed as well
+        gain = solved(normal, twice.reshape(flat.shape).T)
+        return gain.reshape(len(gain), *design.shape[:2]) / self.sigma_m, solved(normal, flat.T) @ flat
 
     def _forced(self, step: Step, seen: np.ndarray, load: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """Observed motion (T, d, 3 F) per unit amplitude in each of the frames (F,); load (r, 3) on the eigenmodes."""
@@ -172,11 +179,11 @@ class ForceProblem:
         history[:, 0] -= 1.0
         return np.einsum("dk,tjk,jk->tdjk", seen[:, :modes], history, unit).reshape(count, len(seen), 2 * modes)
 
-    def _least_squares(self, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns (u,) of the design (T, d, u), and the residuals over sigma followed by those of the priors."""
-        matrix = np.concatenate([*(design[self.known] / self.sigma_m), self._calm])
-        target = self._target
-        normal = matrix.T @ matrix + SINGULAR * np.eye(design.shape[2])
+    def _least_squares(self, system: System) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (u,), and the residuals over sigma followed by those of the priors."""
+        matrix = np.concatenate([*self._told(system.design), self._calm])
+        target = np.concatenate([self._told(self.seen.data - system.driven).ravel(), np.zeros(len(self._calm))])
+        normal = matrix.T @ matrix + SINGULAR * np.eye(matrix.shape[1])
         unknown = solved(normal, matrix.T @ target)
         return unknown, target - matrix @ unknown
 

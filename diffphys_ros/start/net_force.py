@@ -215,7 +215,8 @@ class _Doubt:
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve_under(self.fit.physics, place) for place in places]
-        costs = unlikely(self.whole, self.fit.physics, np.array([each.cost for each in found]), missed=self.told_squared)
+        misfits = np.array([(self.whole.missed(each) ** 2).sum() for each in found])
+        costs = unlikely(self.whole, self.fit.physics, misfits, missed=self.told_squared)
         weight = probabilities(costs, before(len(places)), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()

@@ -19,7 +19,7 @@ from diffphys_ros.start.uncertainty import Bend
 from diffphys_ros.start.values import supported
 from diffphys_ros.types import Body, StartValues, Tracks
 from diffphys_ros.vibration.coordinates import observe
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, bar, modes_of, settings, tracks
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, SMALL, bar, modes_of, settings, tracks
 
 SLENDER, YOUNG = 0.8, np.array([2.4e6, 0.9e6])  # m, Pa: two bending modes each way within what the frames resolve
 RATIO = 3.0  # of the outer part's density over that of the part at the clamp
@@ -42,7 +42,7 @@ def blown(body: Body) -> tuple[ModalModel, Tracks]:
     """The modes of a body, and its motion after a blow of two frames, which sets the higher ones swinging too."""
     truth = modes_of(body, YOUNG, finer=0.85, count=12)
     blow = np.zeros((FRAMES, 3))
-    blow[FORCED.start : FORCED.start + 2] = (0.0, 8000.0, 11000.0)
+    blow[FORCED.start : FORCED.start + 2] = SMALL * np.array([0.0, 8000.0, 11000.0])
     load = blow @ truth.footprint_load(lambda points: (points[:, 0] > 0.35) * (points[:, 0] < 0.5)).T
     q = truth.respond(YOUNG, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S)
     return truth, tracks(truth, q)

@@ -12,7 +12,7 @@ from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import freed_values, joint_values, start_values
 from diffphys_ros.start.freed import FREED_SD
 from diffphys_ros.types import Body, StartValues, Tracks
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, blade, camera, modes_of, push_on_its_corner, settings, tracks
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, SMALL, blade, camera, modes_of, push_on_its_corner, settings, tracks
 
 YOUNG = np.array([1.2e6, 2.4e6])  # Pa
 RUBBER = 0.42
@@ -23,7 +23,7 @@ def seen(frames: range) -> Tracks:
     """Of a blade of rubber on whose corner a force that changes acts in some frames."""
     truth = modes_of(blade(RUBBER), YOUNG, count=12)
     push = np.zeros((FRAMES, 3))
-    push[frames.start : frames.stop] = np.outer(1 + 0.4 * np.sin(2.1 * np.arange(len(frames))), (0.0, 2500.0, 2000.0))
+    push[frames.start : frames.stop] = SMALL * np.outer(1 + 0.4 * np.sin(2.1 * np.arange(len(frames))), (0.0, 2500.0, 2000.0))
     load = push_on_its_corner(truth, push)
     return tracks(truth, truth.respond(YOUNG, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S))
 

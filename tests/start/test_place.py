@@ -46,7 +46,7 @@ def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalMod
             peak, sd = doubt.peak(doubt.found)
             off.append((peak - largest(true)) / sd)
     assert len(off) > 4
-    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
+    assert 0.33 < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
 def test_a_push_of_usual_width_is_not_found_the_wider_for_what_the_modes_miss(body: Body, modal: ModalModel) -> None:
@@ -62,24 +62,33 @@ def test_a_wind_is_given_up_for_a_small_place_that_explains_the_motion_better_an
 ) -> None:
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
 
-    def cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+    def misfit(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
         if footprint.family == "uniform":
             return 100.0
         small = footprint.parameters[2] < place.TOUCH * problem.extent[2]
         return 60.0 if small == (better == "small") else 101.0
 
-    monkeypatch.setattr(place, "_cost", cost)
+    monkeypatch.setattr(place, "_misfit", misfit)
     assert place.best_footprint(whole, PHYSICS).family == family
 
 
-def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body: Body, modal: ModalModel) -> None:
+def test_a_misfit_speaks_by_its_share_of_what_is_missed_however_large_that_is_and_hardly_where_nothing_is(body: Body, modal: ModalModel) -> None:
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
-    costs = np.array([10.0, 20.0])
-    few, many = (np.diff(place.unlikely(whole, PHYSICS, size * costs)) for size in (1e-3, 1e3))
-    np.testing.assert_allclose(few, many)
-    np.testing.assert_allclose(few, place.independent(whole, PHYSICS) * np.log(2.0))
-    told = np.diff(place.unlikely(whole, PHYSICS, costs, missed=1e3))
-    assert told < 0.01 * few
+    misfits = np.array([10.0, 20.0])
+    none, many, more = (np.diff(place.unlikely(whole, PHYSICS, size * misfits)) for size in (1e-3, 1e5, 1e6))
+    np.testing.assert_allclose(many, more, rtol=1e-3)
+    np.testing.assert_allclose(many, place.independent(whole, PHYSICS) * np.log(2.0), rtol=1e-3)
+    told = np.diff(place.unlikely(whole, PHYSICS, misfits, missed=1e3))
+    assert max(none[0], told[0]) < 0.01 * many[0]
+
+
+def test_what_calms_a_force_does_not_tell_its_place(body: Body, modal: ModalModel) -> None:
+    """A wind that sets in at once costs much by the priors that calm it, which made it a push (seed 948840)."""
+    fit = true_fit(body, modal, tracks(modal, moved(modal, gust(), modal.footprint_load())))
+    solution = fit.whole.solve_under(PHYSICS, Footprint())
+    misfit = place._misfit(fit.whole, PHYSICS, Footprint())
+    assert misfit == pytest.approx((fit.whole.missed(solution) ** 2).sum())
+    assert misfit < 0.7 * solution.cost
 
 
 def test_nothing_is_open_near_a_wind(body: Body, modal: ModalModel) -> None:

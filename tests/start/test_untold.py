@@ -13,7 +13,7 @@ from diffphys_ros.start import start_values
 from diffphys_ros.start.densities import Densities
 from diffphys_ros.start.untold import MOST_POISSON, POISSON_SD, Ratios, Untold
 from diffphys_ros.types import StartValues
-from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, bar, blade, modes_of, push_on_its_corner, settings, tracks
+from tests.made_bar import BETA, FORCED, FRAMES, PERIOD_S, SMALL, bar, blade, modes_of, push_on_its_corner, settings, tracks
 
 YOUNG = np.array([1.2e6, 2.4e6])  # Pa: the outer part is the stiffer one, and hardly strains
 RUBBER = 0.42
@@ -23,7 +23,7 @@ def twisted(told: list[float] | None) -> StartValues:
     """Of the motion after a blow on a corner, seen from the front; 0.3 is assumed where nothing is told."""
     truth = modes_of(blade(RUBBER), YOUNG, count=12)
     blow = np.zeros((FRAMES, 3))
-    blow[FORCED.start : FORCED.start + 2] = (0.0, 6000.0, 5000.0)
+    blow[FORCED.start : FORCED.start + 2] = SMALL * np.array([0.0, 6000.0, 5000.0])
     load = push_on_its_corner(truth, blow)
     q = truth.respond(YOUNG, damping=Damping(0.0, BETA), load=load, period_s=PERIOD_S)
     assumed = blade(told[0] if told else 0.3)

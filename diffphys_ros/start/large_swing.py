@@ -1,0 +1,66 @@
+"""What a motion of large amplitude is beyond its linear one.
+
+Products of the leading coordinates move the points (foreshortening and the like) by factors that nobody knows beforehand. Found first and taken off the
+tracks, such products take what a force does along with them: under a steady wind a bend of second shape and the square of the bend of the first look
+alike. So they are left open beside the force: what any of them can explain counts neither for nor against it. Products also drive modes
+(modes/second_order.py), and by how much is computed: a body that bends in two planes twists, which passes for a push beside its axis otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..linear_systems import solved
+from ..modes.model import ModalModel
+from ..modes.response import driven
+from ..modes.second_order import SecondOrder
+from ..nuisance import Nuisance
+from ..vibration.coordinates import Motion, Projection
+
+LEADING = 6  # modes whose products drive others: those that swing far are among them [chosen]
+PRODUCT_SD = 2.0  # of the factors of products of coordinates, times the body's length: the tip of a bent bar moves twice as far as its points on the mean, and back by .6 of the square of that over the length [derived]
+SUBSTEPS = 4  # of a frame, between which a product is taken as constant [numerical]
+
+
+@dataclass(frozen=True)
+class LargeSwing:
+    """Of T frames, of which K are known."""
+
+    second: SecondOrder
+    coordinates: np.ndarray  # of the leading basis vectors, from rest, between frames, ((T - 1) SUBSTEPS, l)
+    products: Nuisance  # of the observed coordinates, in the known frames
+    period_s: float
+
+    @classmethod
+    def of(cls, motion: Motion, seen: Projection, modal: ModalModel, sigma_m: float, period_s: float) -> LargeSwing:
+        """Of what is observed, a coordinate of which is known to `sigma_m`."""
+        return cls(SecondOrder.of(modal, LEADING), between(leading(seen, modal, sigma_m)), Nuisance.of(products(motion, modal)[motion.known] / sigma_m), period_s)
+
+    def driven(self, young: np.ndarray, omega2: np.ndarray, decay: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        """Coordinates (T, r) of eigenmodes `shapes` (r, r) with squared frequencies [1/s^2] and decay [1/s] (r,), as products drive them."""
+        return driven(omega2, decay, self.period_s, self.second.load(young, self.coordinates) @ shapes, SUBSTEPS)
+
+
+def leading(seen: Projection, modal: ModalModel, sigma_m: float) -> np.ndarray:
+    """Coordinates of the first basis vectors from rest, (T, l), that explain what is seen: each expected to be as large as the softest would move the points
+    under the force on it."""
+    count = min(LEADING, modal.modes)
+    squares = np.maximum(np.diag(modal.matrix(modal.reference))[:count], 1.0)
+    operator, moved = seen.operator[:, :count], seen.data + seen.begun
+    size = float(np.sqrt((moved**2).sum(1).max())) / max(float(np.linalg.norm(operator[:, 0])), 1e-12)
+    expected = np.maximum(size * squares[0] / squares, 1e-12)
+    return np.asarray(solved(operator.T @ operator + np.diag((sigma_m / expected) ** 2), operator.T @ moved.T).T)
+
+
+def between(coordinates: np.ndarray) -> np.ndarray:
+    """Coordinates of frames (T, l) in the middle of SUBSTEPS steps from each to its next, ((T - 1) SUBSTEPS, l)."""
+    frames = np.arange(len(coordinates))
+    return np.asarray(CubicSpline(frames, coordinates)((np.arange((len(frames) - 1) * SUBSTEPS) + 0.5) / SUBSTEPS))
+
+
+def products(motion: Motion, modal: ModalModel) -> np.ndarray:
+    """How far products of the observed coordinates about rest may move the points, root mean square [m], (T, m)."""
+    return PRODUCT_SD / float(np.ptp(modal.nodes, axis=0).max()) * motion.products
