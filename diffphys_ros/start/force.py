@@ -78,6 +78,7 @@ class ForceProblem:
     has_depth: bool  # whether motion along the line of sight was measured
     common_m: float  # of the tracks' error: what is common to all points [m]
     swing: LargeSwing | None  # what goes with the square of the amplitude; None: the tracks hold what is linear in it alone
+    driven: np.ndarray | None = None  # observed motion of modes that products of others drive [m], (T, d); None: as the physics at hand have it
     expected: np.ndarray | None = None  # rows (h, k, F) of what a force as large as that across would cost in the allowed frames and each of the stiff ways, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
@@ -135,14 +136,18 @@ class ForceProblem:
         """What `solve` solves."""
         squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
         omega2, shapes = physics.detuned(squares).leading(squares, shapes)
-        decay = physics.damping.decay(omega2)
-        step = Step.of(omega2, decay, self.period_s)
+        step = Step.of(omega2, physics.damping.decay(omega2), self.period_s)
         seen, frames = self.seen.operator @ shapes, np.flatnonzero(self.allowed)
         unit = self.unit_of(footprint)
         initial_unit = self._initial_unit(omega2)
         design = np.concatenate([self._forced(step, seen, shapes.T @ footprint * unit, frames), self._released(step, seen, initial_unit)], 2)
-        driven = np.zeros_like(self.seen.data) if self.swing is None else self.swing.driven(physics.young, omega2, decay, shapes) @ seen.T
-        return System(design, driven, unit, initial_unit, shapes)
+        return System(design, self._driven(physics, omega2, shapes, seen), unit, initial_unit, shapes)
+
+    def _driven(self, physics: Physics, omega2: np.ndarray, shapes: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Of eigenmodes (r, r) with squared frequencies (r,) that are seen as (d, r)."""
+        if self.driven is not None or self.swing is None:
+            return np.zeros_like(self.seen.data) if self.driven is None else self.driven
+        return self.swing.driven(physics.young, omega2, physics.damping.decay(omega2), shapes) @ seen.T
 
     def unit_of(self, footprint: np.ndarray) -> float:
         """Of the amplitudes under modal loads `footprint` (r, 3), which then move the body as far as uniform ones [N/m^3]."""
@@ -204,11 +209,12 @@ class ForceProblem:
         return np.sqrt(excess * np.maximum(np.diag(inverted(slope.T @ slope))[: len(physics.young)], 0.0))
 
     def _residual(self, physics: Physics, footprint: np.ndarray, believed: Believed) -> Callable[[np.ndarray], np.ndarray]:
-        """Misfits over sigma and priors of Physics.vector(), the force solved for inside."""
-        parts = len(physics.young)
+        """Misfits over sigma and priors of Physics.vector(), the force solved for inside. What products drive stays as it is: how near a mode is to resonance
+        would else be told by how far it answers, which errors of its damping and shape make as well."""
+        parts, held = len(physics.young), replace(self, driven=self.system(physics, footprint).driven)
 
         def residual(vector: np.ndarray) -> np.ndarray:
-            seen = self.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
+            seen = held.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
             return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
         return residual

@@ -93,3 +93,14 @@ def test_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_
     others = (replace(fit.evidence, first_order=True), replace(fit.evidence, tracks=normals), replace(fit.evidence, body=replace(body, clamped=False)))
     assert [each.whole(modal, fit.support).swing for each in others] == [None, None, None]
     assert [each.tail(modal, fit.support).products for each in others] == [None, None, None]
+
+
+def test_how_far_a_driven_mode_answers_tells_nothing_of_its_frequency(body: Body, modal: ModalModel) -> None:
+    """The torsion of a true body that is 3 % off answers much more or less: the modulus is that of its bending all the same."""
+    off = modal.retuned(YOUNG, np.array([0.0, 0.0, -0.03]))
+    q = motion(modal, YOUNG, LARGE * gust((0.0, 1.0, 0.6)))
+    answer = swung(off.rotated(YOUNG), q)
+    fit = true_fit(body, modal, tracks(modal, answer), young=YOUNG)
+    found = fit.whole.refine(replace(PHYSICS, detune=np.zeros(4)), fit.load)
+    assert abs(np.log10(found.young[0] / YOUNG[0])) < 5e-4
+    assert np.abs(found.detune).max() < 1e-3
