@@ -78,7 +78,6 @@ class ForceProblem:
     has_depth: bool  # whether motion along the line of sight was measured
     common_m: float  # of the tracks' error: what is common to all points [m]
     swing: LargeSwing | None  # what goes with the square of the amplitude; None: the tracks hold what is linear in it alone
-    driven: np.ndarray | None = None  # observed motion of modes that products of others drive [m], (T, d); None: as the physics at hand have it
     expected: np.ndarray | None = None  # rows (h, k, F) of what a force as large as that across would cost in the allowed frames and each of the stiff ways, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
@@ -144,10 +143,10 @@ class ForceProblem:
         return System(design, self._driven(physics, omega2, shapes, seen), unit, initial_unit, shapes)
 
     def _driven(self, physics: Physics, omega2: np.ndarray, shapes: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """Of eigenmodes (r, r) with squared frequencies (r,) that are seen as (d, r)."""
-        if self.driven is not None or self.swing is None:
-            return np.zeros_like(self.seen.data) if self.driven is None else self.driven
-        return self.swing.driven(physics.young, omega2, physics.damping.decay(omega2), shapes) @ seen.T
+        """Observed motion (T, d) of eigenmodes (r, r) with squared frequencies (r,), seen as (d, r), that products of others drive."""
+        if self.swing is None:
+            return np.zeros_like(self.seen.data)
+        return np.asarray(self.swing.driven(physics.young, omega2, physics.damping.decay(omega2), shapes) @ seen.T)
 
     def unit_of(self, footprint: np.ndarray) -> float:
         """Of the amplitudes under modal loads `footprint` (r, 3), which then move the body as far as uniform ones [N/m^3]."""
@@ -209,12 +208,11 @@ class ForceProblem:
         return np.sqrt(excess * np.maximum(np.diag(inverted(slope.T @ slope))[: len(physics.young)], 0.0))
 
     def _residual(self, physics: Physics, footprint: np.ndarray, believed: Believed) -> Callable[[np.ndarray], np.ndarray]:
-        """Misfits over sigma and priors of Physics.vector(), the force solved for inside. What products drive stays as it is: how near a mode is to resonance
-        would else be told by how far it answers, which errors of its damping and shape make as well."""
-        parts, held = len(physics.young), replace(self, driven=self.system(physics, footprint).driven)
+        """Misfits over sigma and priors of Physics.vector(), the force solved for inside."""
+        parts = len(physics.young)
 
         def residual(vector: np.ndarray) -> np.ndarray:
-            seen = held.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
+            seen = self.solve(replace(Physics.of(vector, parts), density=physics.density, poisson=physics.poisson), footprint).residual
             return np.concatenate([seen, prior_residual(vector, parts), believed(vector[:parts])])
 
         return residual

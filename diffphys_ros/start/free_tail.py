@@ -17,7 +17,6 @@ from scipy.optimize import least_squares
 from ..damping import Damping
 from ..modes.detuned import Detuned
 from ..modes.model import ModalModel
-from ..nuisance import Nuisance
 from ..vibration.coordinates import Projection
 from ..vibration.forced_frames import FASTEST
 from .untold import TOLD, Untold
@@ -112,15 +111,12 @@ class Tail:
     untold: Untold = TOLD  # of the materials, where a search is to find it
     detuned: int = DETUNED  # leading modes whose frequencies may be off
     weighed: Callable[[np.ndarray], np.ndarray] | None = None  # what a search makes of misfits in standard deviations, (K d, m); None: nothing
-    products: np.ndarray | None = None  # as large as products of the coordinates may be in what is seen [m] (start/large_swing.py), (T, m); None: none
-    open: Nuisance = field(init=False)  # the same in the frames that count
     data: np.ndarray = field(init=False)  # (K, d)
     times: np.ndarray = field(init=False)  # of the frames that count, after `first` [s], (K,)
 
     def __post_init__(self) -> None:
         frames = np.flatnonzero(self.known & (np.arange(len(self.known)) >= self.first))
-        object.__setattr__(self, "open", Nuisance.none(len(frames)) if self.products is None else Nuisance.of(self.products[frames] / self.sigma_m))
-        object.__setattr__(self, "data", self.open.weighed(self.seen.data[frames]))
+        object.__setattr__(self, "data", self.seen.data[frames])
         object.__setattr__(self, "times", (frames - self.first) * self.period_s)
 
     @property
@@ -216,26 +212,21 @@ class Tail:
     def _fitted(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Functions of time (K, c k), shapes (d, c k) and the best amplitudes (c k,) of c functions for each of k modes."""
         omega, decay, seen = self._modes(physics)
-        clock = self.open.weighed(self._clock(omega, decay))
-        place = np.repeat(seen, clock.shape[1] // len(omega), 1)
-        return clock, place, _least_squares(_normal(clock, place), ((self.data @ place) * clock).sum(0))
-
-    def _clock(self, omega: np.ndarray, decay: np.ndarray) -> np.ndarray:
-        """Functions of time (K, c k) of modes with damped angular frequencies and decays (k,)."""
         wave = np.exp(np.outer(self.times, 1j * omega - decay))
         shapes = [wave.real, wave.imag] + ([] if self.at_rest else [np.ones_like(wave.real)])
-        return np.stack(shapes, 2).reshape(len(self.times), -1)
+        clock, place = np.stack(shapes, 2).reshape(len(self.times), -1), np.repeat(seen, len(shapes), 1)
+        return clock, place, _least_squares(_normal(clock, place), ((self.data @ place) * clock).sum(0))
 
     def _changes(self, physics: Physics, untold: Untold, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the functions of time (S, K, c k) and of the shapes (S, d, c k) by the entries of Physics.vector(untold)."""
         omega, decay, _ = self._modes(physics)
         by_omega, by_decay, by_seen = self._mode_changes(physics, untold, omega, decay)
-        clock, kinds, times = self._clock(omega, decay), clock.shape[1] // len(omega), self.times[:, None]
+        kinds, times = clock.shape[1] // len(omega), self.times[:, None]
         real, imaginary = clock[:, 0::kinds], clock[:, 1::kinds]
         by_clock = np.zeros((len(by_omega), *clock.shape))
         by_clock[..., 0::kinds] = -times * (by_decay[:, None] * real + by_omega[:, None] * imaginary)
         by_clock[..., 1::kinds] = times * (by_omega[:, None] * real - by_decay[:, None] * imaginary)
-        return np.swapaxes(self.open.weighed(np.swapaxes(by_clock, 0, 1)), 0, 1), np.repeat(by_seen, kinds, 2)
+        return by_clock, np.repeat(by_seen, kinds, 2)
 
     def _modes(self, physics: Physics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Damped angular frequencies and decays (k,) of the resolved modes, and their observed shapes (d, k)."""

@@ -22,6 +22,7 @@ from ..vibration.coordinates import Motion, Projection
 
 LEADING = 6  # modes whose products drive others: those that swing far are among them [chosen]
 PRODUCT_SD = 2.0  # of the factors of products of coordinates, times the body's length: the tip of a bent bar moves twice as far as its points on the mean, and back by .6 of the square of that over the length [derived]
+FARTHEST = 0.25  # of the body's length that a point moves: beyond it a motion is more than its second order, which then explains it worse than none [chosen]
 SUBSTEPS = 4  # of a frame, between which a product is taken as constant [numerical]
 
 

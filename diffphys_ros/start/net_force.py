@@ -201,7 +201,7 @@ class _Doubt:
         return np.array(found).reshape(-1, len(self.force)).T
 
     def _net_under(self, physics: Physics, modal: ModalModel | None) -> np.ndarray:
-        whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).whole, expected=self.whole.expected)
+        whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).acting, expected=self.whole.expected)
         return self._net(whole.solve(physics, whole.footprint_load(self.fit.footprint)), self.fit.footprint)
 
     def by_moving_it(self) -> np.ndarray:

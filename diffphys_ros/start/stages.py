@@ -86,9 +86,17 @@ class Fit:
         problem = self.evidence.whole(self.modal, self.support)
         return problem if self.heaviness is None else replace(problem, heaviness=self.heaviness)
 
+    @cached_property
+    def acting(self) -> ForceProblem:
+        """The same for the place of the force and the force itself, with what the tracks hold of second order left open where physics come from a free tail. For physics that
+        would be one thing too many to be found: a mode near resonance that answers otherwise than computed would move them."""
+        if not self.support.has_free_tail:
+            return self.whole
+        return replace(self.whole, swing=self.evidence.whole(self.modal, self.support, second_order=True).swing)
+
     def last(self, *, missed: float = 0.0) -> ForceProblem:
         """The same once physics and place are found, with what is expected along the body; arguments as for `expecting`."""
-        return expecting(self.whole, self.physics, self.load, missed=missed)
+        return expecting(self.acting, self.physics, self.load, missed=missed)
 
     @property
     def load(self) -> np.ndarray:
@@ -209,7 +217,7 @@ def _tail_again(fit: Fit) -> Fit:
 
 
 def _footprint(fit: Fit) -> Fit:
-    return replace(fit, footprint=best_footprint(fit.whole, fit.physics))
+    return replace(fit, footprint=best_footprint(fit.acting, fit.physics))
 
 
 def _refine(fit: Fit) -> Fit:

@@ -86,7 +86,7 @@ def test_what_is_missed_of_a_swing_in_another_shape_does_not_hide_a_force_along(
 
 def test_without_a_force_across_nothing_is_expected_along(body: Body, modal: ModalModel) -> None:
     still = fit_of(body, modal, np.zeros((FRAMES, 3)), 0)
-    none = replace(still.whole, swing=None)
+    none = still.whole
     none.seen.data[:] = 0.0
     assert expecting(none, still.physics, still.load) is none
 

@@ -48,7 +48,7 @@ def bar_tail() -> tuple[Tail, Physics]:
     seen = tracks(modal, motion(modal, YOUNG, gust()))
     observed = observe(body, seen, None)
     support = find_support(observed.coordinates, observed.known, PERIOD_S, at_rest=True, noise_m=observed.noise_m)
-    tail = replace(Evidence(body, seen, observed, PERIOD_S, settings(at_rest=True)).tail(modal, support), products=None)
+    tail = Evidence(body, seen, observed, PERIOD_S, settings(at_rest=True)).tail(modal, support)
     return tail, Physics(YOUNG, Damping(0.0, BETA), np.zeros(DETUNED))
 
 
