@@ -92,7 +92,9 @@ def leading_frames(problem: ForceProblem, physics: Physics) -> float:
 
 
 def _misfit(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
-    return float((problem.missed(problem.solve_under(physics, footprint)) ** 2).sum())
+    """Where nothing is left open beside the force, what the modes miss looks like one, and with what its priors cost it counts as before."""
+    solution = problem.solve_under(physics, footprint)
+    return solution.cost if problem.swing is None else float((problem.missed(solution) ** 2).sum())
 
 
 def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:

@@ -30,6 +30,7 @@ BASES = 3  # most times that the basis is moved to the fit [numerical]
 SETTLED = 0.1  # change of log E and log density that needs no new basis [numerical]
 STIFFENINGS = 20  # doublings, at most, of a modulus that buckles [numerical]
 PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess [chosen]
+BETTER = 0.35  # of what a wind misses: with less, the second order of a swing is taken into account [chosen]
 SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept [chosen]
 ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen [numerical]
 MISSED = 5.0  # times what a frame of the tail may miss, from which on a force is looked for inside it [chosen]
@@ -88,11 +89,13 @@ class Fit:
 
     @cached_property
     def acting(self) -> ForceProblem:
-        """The same for the place of the force and the force itself, with what the tracks hold of second order left open where physics come from a free tail. For physics that
-        would be one thing too many to be found: a mode near resonance that answers otherwise than computed would move them."""
-        if not self.support.has_free_tail:
+        """The same for the place of the force and the force itself, with what the tracks hold of second order left open where physics come from a free tail, the clip
+        begins at rest and that explains a wind the better. For physics it would be one thing too many to be found: a mode near resonance that answers otherwise than computed would move them."""
+        if not (self.support.has_free_tail and self.evidence.at_rest):
             return self.whole
-        return replace(self.whole, swing=self.evidence.whole(self.modal, self.support, second_order=True).swing)
+        second = replace(self.whole, swing=self.evidence.whole(self.modal, self.support, second_order=True).swing)
+        left = [float((each.missed(each.solve(self.physics, each.uniform_load)) ** 2).sum()) for each in (self.whole, second)]
+        return second if left[1] < BETTER * left[0] else self.whole
 
     def last(self, *, missed: float = 0.0) -> ForceProblem:
         """The same once physics and place are found, with what is expected along the body; arguments as for `expecting`."""

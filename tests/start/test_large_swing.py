@@ -87,7 +87,7 @@ def test_the_leading_coordinates_are_those_that_moved_the_tracks(body: Body, mod
 
 
 def test_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_products_left_open(body: Body, modal: ModalModel) -> None:
-    fit = blown(body, modal, 1.0)[0]
+    fit = blown(body, modal, LARGE)[0]
     assert fit.acting.swing is not None
     assert fit.whole.swing is None
     normals = replace(fit.evidence.tracks, normals=np.tile([0.0, 1.0, 0.0], (len(fit.evidence.tracks.points[0]), 1)))
@@ -98,5 +98,5 @@ def test_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_
 def test_of_a_very_large_swing_and_without_a_free_tail_nothing_is_left_open(body: Body, modal: ModalModel) -> None:
     far = true_fit(body, modal, tracks(modal, motion(modal, YOUNG, 10 * LARGE * gust((0.0, 1.0, 0.6)))), young=YOUNG)
     assert far.acting.swing is None
-    fit = blown(body, modal, 1.0)[0]
+    fit = blown(body, modal, LARGE)[0]
     assert replace(fit, support=replace(fit.support, has_free_tail=False)).acting.swing is None
