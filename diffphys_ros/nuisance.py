@@ -20,11 +20,6 @@ class Nuisance:
         columns, size, _ = np.linalg.svd(functions, full_matrices=False)
         return cls(columns, 1 / np.sqrt(1 + size**2))
 
-    @classmethod
-    def none(cls, frames: int) -> Nuisance:
-        """Where all that is observed counts."""
-        return cls(np.zeros((frames, 0)), np.zeros(0))
-
     def weighed(self, over_time: np.ndarray) -> np.ndarray:
         """Numbers (K, ...) with noise alike in all frames instead."""
         share = (1 - self.kept)[:, None] * self.columns.T

@@ -23,7 +23,5 @@ def test_large_ones_count_for_nothing_and_small_ones_as_all_else() -> None:
     np.testing.assert_allclose(Nuisance.of(1e-6 * shape).weighed(shape), shape)
 
 
-def test_without_any_and_without_a_frame_all_stays() -> None:
-    over_time = np.random.default_rng(2).normal(size=(5, 2))
-    np.testing.assert_array_equal(Nuisance.none(5).weighed(over_time), over_time)
+def test_without_a_frame_nothing_is_left_of_nothing() -> None:
     assert Nuisance.of(np.zeros((0, 3))).weighed(np.zeros((0, 4))).shape == (0, 4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -74,11 +74,6 @@ class Evidence:
         normals = self.tracks.normals
         return normals is not None and bool(np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1] > ALIKE)
 
-    def _swings_far(self, modal: ModalModel) -> bool:
-        """Whether tracks hold what goes with the square of the amplitude of a body that is held, and not much more: of a very large swing all orders count."""
-        reach = np.linalg.norm(self.motion.displacement, axis=2).max() / np.ptp(modal.nodes, axis=0).max()
-        return bool(self.of_points and self.body.clamped and not self.first_order and reach < FARTHEST)
-
     def believed(self, log_young: np.ndarray) -> np.ndarray:
         """Residuals of log E (n,) [ln Pa] against what is believed, in standard deviations; none where nothing is."""
         if self.belief is None:
@@ -107,8 +102,8 @@ class Evidence:
         detuned = 0 if self._one_direction else DETUNED  # one mode is seen well then: what its shape misses must not buy another frequency
         return Tail(modal, seen, first, self.period_s, self.motion.known, self.at_rest, sigma, self.settings.experiment.mode_count, self.untold, detuned)
 
-    def whole(self, modal: ModalModel, support: Support, *, second_order: bool = False) -> ForceProblem:
-        """The misfit of all frames under a modal model and a force; with what the tracks hold of second order left open where that is wanted and they hold it."""
+    def whole(self, modal: ModalModel, support: Support) -> ForceProblem:
+        """The misfit of all frames under a modal model and a force."""
         q, known = self.motion.coordinates, self.motion.known
         sigma = float(np.hypot(self.motion.coherent_m, MODEL_ERROR * self.motion.size_m))
         acceleration = np.sqrt((np.diff(q, 2, axis=0) ** 2).sum(1).mean()) / self.period_s**2
@@ -116,6 +111,11 @@ class Evidence:
         seen = Projection.of_tracks(self.motion, modal) if support.allowed.any() else Projection.of(self.motion, modal)
         largest = self.motion.size_m / max(float(np.linalg.norm(seen.operator[:, 0])), 1e-12)
         calm, depth = np.ones(len(known)), self.tracks.has_depth
-        swing = LargeSwing.of(self.motion, seen, modal, sigma, self.period_s) if second_order and self._swings_far(modal) else None
-        common = self.motion.coherent_m
-        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth, common, swing)
+        return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth, self.motion.coherent_m)
+
+    def second_order(self, problem: ForceProblem) -> ForceProblem | None:
+        """The same with what the tracks hold of second order left open; None where they hold none, or more: of a very large swing all orders count."""
+        reach = np.linalg.norm(self.motion.displacement, axis=2).max() / np.ptp(problem.modal.nodes, axis=0).max()
+        if not (self.at_rest and self.of_points and self.body.clamped and not self.first_order and reach < FARTHEST):
+            return None
+        return replace(problem, swing=LargeSwing.of(self.motion, problem.seen, problem.modal, problem.sigma_m, self.period_s))

@@ -41,7 +41,18 @@ def missed_in_stiff_ways(problem: ForceProblem, physics: Physics, found: Solutio
     acts; at the least `missed` and the tracks' common error."""
     shapes, free = shapes_in_stiff_ways(problem, physics, footprint), without_force(problem, physics)
     left = (problem.missed(found)[free] @ shapes.T) ** 2
-    return np.maximum(left.mean(0), max((problem.common_m / problem.sigma_m) ** 2, missed))
+    return np.maximum(left.mean(0) * _growth(problem, shapes, free), max((problem.common_m / problem.sigma_m) ** 2, missed))
+
+
+def _growth(problem: ForceProblem, shapes: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """How much larger the mean square (h,) of the motion's second order is in these shapes while a force acts than in the frames (K,) that are judged: what is
+    missed of it grows with it, and looks like a force."""
+    second = problem.seen.second_order
+    if second is None:
+        return np.ones(len(shapes))
+    squares = (second[problem.known] @ shapes.T) ** 2
+    judged = np.maximum(squares[free].mean(0), problem.common_m**2)
+    return np.maximum(squares[problem.allowed[problem.known]].mean(0) / judged, 1.0)
 
 
 def shapes_in_stiff_ways(problem: ForceProblem, physics: Physics, footprint: np.ndarray) -> np.ndarray:

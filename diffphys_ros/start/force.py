@@ -77,7 +77,7 @@ class ForceProblem:
     along: np.ndarray  # unit vector along the body (start/along.py), (3,)
     has_depth: bool  # whether motion along the line of sight was measured
     common_m: float  # of the tracks' error: what is common to all points [m]
-    swing: LargeSwing | None  # what goes with the square of the amplitude; None: the tracks hold what is linear in it alone
+    swing: LargeSwing | None = None  # what goes with the square of the amplitude; None: it is taken off, or there is none
     expected: np.ndarray | None = None  # rows (h, k, F) of what a force as large as that across would cost in the allowed frames and each of the stiff ways, over its unit; None: as of any, but dearer in stiff ways
 
     @cached_property
@@ -126,6 +126,11 @@ class ForceProblem:
     def missed(self, solution: Solution) -> np.ndarray:
         """What a solution misses of the known frames, over sigma, (K, d)."""
         return solution.residual[: self.seen.data[self.known].size].reshape(int(self.known.sum()), -1)
+
+    def counted(self, solution: Solution) -> np.ndarray:
+        """Residuals by which places of a force are compared. What its priors cost is not among them, for they only calm it: but where the second order is not left open beside
+        it, a force makes up for that, and they say how far."""
+        return solution.residual if self.swing is None else self.missed(solution).ravel()
 
     def solve_under(self, physics: Physics, footprint: Footprint) -> Solution:
         """The same under a member of a family."""

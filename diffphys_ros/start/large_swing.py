@@ -28,10 +28,10 @@ SUBSTEPS = 4  # of a frame, between which a product is taken as constant [numeri
 
 @dataclass(frozen=True)
 class LargeSwing:
-    """Of T frames, of which K are known."""
+    """Of T frames, of which K are known, of a clip that begins at rest."""
 
     second: SecondOrder
-    coordinates: np.ndarray  # of the leading basis vectors, from rest, between frames, ((T - 1) SUBSTEPS, l)
+    coordinates: np.ndarray  # of the leading basis vectors, between frames, ((T - 1) SUBSTEPS, l)
     products: Nuisance  # of the observed coordinates, in the known frames
     period_s: float
 
@@ -46,11 +46,11 @@ class LargeSwing:
 
 
 def leading(seen: Projection, modal: ModalModel, sigma_m: float) -> np.ndarray:
-    """Coordinates of the first basis vectors from rest, (T, l), that explain what is seen: each expected to be as large as the softest would move the points
+    """Coordinates of the first basis vectors, (T, l), that explain what is seen: each expected to be as large as the softest would move the points
     under the force on it."""
     count = min(LEADING, modal.modes)
     squares = np.maximum(np.diag(modal.matrix(modal.reference))[:count], 1.0)
-    operator, moved = seen.operator[:, :count], seen.data + seen.begun
+    operator, moved = seen.operator[:, :count], seen.data
     size = float(np.sqrt((moved**2).sum(1).max())) / max(float(np.linalg.norm(operator[:, 0])), 1e-12)
     expected = np.maximum(size * squares[0] / squares, 1e-12)
     return np.asarray(solved(operator.T @ operator + np.diag((sigma_m / expected) ** 2), operator.T @ moved.T).T)
@@ -63,5 +63,5 @@ def between(coordinates: np.ndarray) -> np.ndarray:
 
 
 def products(motion: Motion, modal: ModalModel) -> np.ndarray:
-    """How far products of the observed coordinates about rest may move the points, root mean square [m], (T, m)."""
+    """How far products of the observed coordinates may move the points, root mean square [m], (T, m)."""
     return PRODUCT_SD / float(np.ptp(modal.nodes, axis=0).max()) * motion.products

@@ -201,8 +201,14 @@ class _Doubt:
         return np.array(found).reshape(-1, len(self.force)).T
 
     def _net_under(self, physics: Physics, modal: ModalModel | None) -> np.ndarray:
-        whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).acting, expected=self.whole.expected)
+        whole = self.whole if modal is None else self._of(modal)
         return self._net(whole.solve(physics, whole.footprint_load(self.fit.footprint)), self.fit.footprint)
+
+    def _of(self, modal: ModalModel) -> ForceProblem:
+        """The problem under other modes, with what is left open and expected in that of the fit's."""
+        other = replace(self.fit, modal=modal).whole
+        second = None if self.whole.swing is None else self.fit.evidence.second_order(other)
+        return replace(second or other, expected=self.whole.expected)
 
     def by_moving_it(self) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of what is open of a push's place and width."""
@@ -215,9 +221,8 @@ class _Doubt:
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve_under(self.fit.physics, place) for place in places]
-        misfits = np.array([(self.whole.missed(each) ** 2).sum() for each in found])
-        costs = unlikely(self.whole, self.fit.physics, misfits, missed=self.told_squared)
-        weight = probabilities(costs, before(len(places)), 1.0)
+        costs = np.array([(self.whole.counted(each) ** 2).sum() for each in found])
+        weight = probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(len(places)), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
 

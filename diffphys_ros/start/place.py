@@ -14,7 +14,7 @@ from .free_tail import Physics
 WIND = 0.1  # probability of a uniform force from which on it is taken: of 47 choice clips all 30 winds have more and 14 of 17 pushes less [docs/how_sure.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
 USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
-SURE = 0.1  # square of what a frame misses at the least, over its sigma: what priors and modes leave is never none [chosen]
+SURE = 0.1  # square of what a frame misses at the least, over its sigma, where the second order is left open: then a wind and a push may both miss hardly anything [chosen]
 SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/how_sure.md]
 EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
 NEARBY_SD = np.array([0.1, 0.1, 0.5])  # of centre, over the body's length, and log width about what was found: as far as the next places that are tried [derived]
@@ -28,11 +28,11 @@ FOOTPRINT_STEPS, FOOTPRINT_EXACT = 80, 1e-3  # most of the search; where it ends
 def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
     """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that motion and usual widths make the likeliest."""
     places = [Footprint(), *problem.local_footprints]
-    misfits = np.array([_misfit(problem, physics, each) for each in places])
+    costs = np.array([_cost(problem, physics, each) for each in places])
     small = np.array([each.family == "uniform" or each.parameters[2] < TOUCH * problem.extent[2] for each in places])
-    if probabilities(unlikely(problem, physics, misfits[small]), before(int(small.sum())), 1.0)[0] > WIND:
+    if probabilities(unlikely(problem, physics, costs[small]), before(int(small.sum())), 1.0)[0] > WIND:
         return Footprint()
-    local = unlikely(problem, physics, misfits[1:]) + [odd_width(problem, each) for each in places[1:]]
+    local = unlikely(problem, physics, costs[1:]) + [odd_width(problem, each) for each in places[1:]]
     return _nearby(problem, physics, places[1 + int(local.argmin())])
 
 
@@ -53,10 +53,15 @@ def probabilities(costs: np.ndarray, before: np.ndarray, unit: float) -> np.ndar
     return np.asarray(weight / weight.sum())
 
 
-def unlikely(problem: ForceProblem, physics: Physics, misfits: np.ndarray, *, missed: float = 0.0) -> np.ndarray:
-    """Twice the negative log likelihood (n,) of explanations with sums of squared misfits over sigma^2 (n,), where nobody told how much is missed of a frame beyond a
-    square of `missed`, over its sigma: frames of a quarter period miss the same, in SHAPES ways. What a force costs by its priors is not asked: they only calm it."""
-    return independent(problem, physics) * np.log(misfits / problem.known.sum() + max(missed, SURE))
+def unlikely(problem: ForceProblem, physics: Physics, costs: np.ndarray, *, missed: float = 0.0) -> np.ndarray:
+    """Twice the negative log likelihood (n,) of explanations with sums of squared residuals that count (n,), where nobody told how much is missed of a frame beyond a
+    square of `missed`, over its sigma: frames of a quarter period miss the same, in SHAPES ways."""
+    return independent(problem, physics) * np.log(costs / problem.known.sum() + _least(problem, missed))
+
+
+def _least(problem: ForceProblem, missed: float) -> float:
+    """Square of what a frame misses at the least, over its sigma."""
+    return missed if problem.swing is None else max(missed, SURE)
 
 
 def independent(problem: ForceProblem, physics: Physics) -> float:
@@ -72,11 +77,11 @@ def open_nearby(problem: ForceProblem, physics: Physics, footprint: Footprint, *
     unit = np.r_[np.full(2, problem.extent[2]), 1.0]
     found = np.r_[footprint.parameters[:2], np.log(footprint.parameters[2])] / unit
 
-    def left(p: np.ndarray) -> np.ndarray:
-        return problem.missed(problem.solve_under(physics, _gaussian(p * unit))).ravel()
+    def counted(p: np.ndarray) -> np.ndarray:
+        return problem.counted(problem.solve_under(physics, _gaussian(p * unit)))
 
-    slope, misfit = differences(left, found), float((left(found) ** 2).sum())
-    told = independent(problem, physics) / (misfit + max(missed, SURE) * problem.known.sum()) * slope.T @ slope
+    slope, cost = differences(counted, found), float((counted(found) ** 2).sum())
+    told = independent(problem, physics) / (cost + _least(problem, missed) * problem.known.sum()) * slope.T @ slope
     size, axes = np.linalg.eigh(inverted(told + np.diag(NEARBY_SD**-2)))
     return [_gaussian((found + step) * unit) for step in (axes * np.sqrt(size)).T]
 
@@ -91,10 +96,8 @@ def leading_frames(problem: ForceProblem, physics: Physics) -> float:
     return 1 / (max(float(problem.modal.frequencies(physics.young)[0]), SLOWEST_HZ) * problem.period_s)
 
 
-def _misfit(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
-    """Where nothing is left open beside the force, what the modes miss looks like one, and with what its priors cost it counts as before."""
-    solution = problem.solve_under(physics, footprint)
-    return solution.cost if problem.swing is None else float((problem.missed(solution) ** 2).sum())
+def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+    return float((problem.counted(problem.solve_under(physics, footprint)) ** 2).sum())
 
 
 def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:
@@ -105,7 +108,7 @@ def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footpr
         if not ((p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST):
             return np.inf
         push = _gaussian(p)
-        return float(unlikely(problem, physics, np.array(_misfit(problem, physics, push)))) + odd_width(problem, push)
+        return float(unlikely(problem, physics, np.array(_cost(problem, physics, push)))) + odd_width(problem, push)
 
     start = np.r_[begun.parameters[:2], np.log(begun.parameters[2])]
     simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])

@@ -91,11 +91,11 @@ class Fit:
     def acting(self) -> ForceProblem:
         """The same for the place of the force and the force itself, with what the tracks hold of second order left open where physics come from a free tail, the clip
         begins at rest and that explains a wind the better. For physics it would be one thing too many to be found: a mode near resonance that answers otherwise than computed would move them."""
-        if not (self.support.has_free_tail and self.evidence.at_rest):
+        second = self.evidence.second_order(self.whole) if self.support.has_free_tail else None
+        if second is None:
             return self.whole
-        second = replace(self.whole, swing=self.evidence.whole(self.modal, self.support, second_order=True).swing)
-        left = [float((each.missed(each.solve(self.physics, each.uniform_load)) ** 2).sum()) for each in (self.whole, second)]
-        return second if left[1] < BETTER * left[0] else self.whole
+        first, left = (float((each.missed(each.solve(self.physics, each.uniform_load)) ** 2).sum()) for each in (self.whole, second))
+        return second if left < BETTER * first else self.whole
 
     def last(self, *, missed: float = 0.0) -> ForceProblem:
         """The same once physics and place are found, with what is expected along the body; arguments as for `expecting`."""

@@ -45,14 +45,9 @@ class Motion:
     begun: np.ndarray | float = 0.0  # coordinates of frame 0 from rest [m], (n,); 0: it is at rest, as far as is known
 
     @property
-    def from_rest(self) -> np.ndarray:
-        """Coordinates of frame 0 from rest [m], (n,); 0 where that is not known."""
-        return np.broadcast_to(np.asarray(self.begun, float), self.coordinates.shape[1:])
-
-    @property
     def products(self) -> np.ndarray:
-        """Of the coordinates about rest, less those of frame 0 [m^2], (T, n (n + 1) / 2)."""
-        return _products(self.coordinates + self.from_rest) - _products(self.from_rest[None])
+        """Of the coordinates [m^2], (T, n (n + 1) / 2)."""
+        return _products(self.coordinates)
 
     @property
     def coherent_m(self) -> float:
@@ -70,6 +65,11 @@ class Motion:
         _, left = shapes_of(self.coordinates, self.displacement, self.valid, self.begun)
         beyond = _from_neighbours(_likeness(self.points, self.across), left, self.valid & self.known[:, None])
         return np.einsum("tk,mck->tmc", self.coordinates, self.shapes) + beyond
+
+    @property
+    def second_order(self) -> np.ndarray:
+        """What products of the coordinates were found to move the tracks that were not lost, with their noise [m], (T, M, 3)."""
+        return np.where(self.valid[..., None], self.displacement - self.first_order, 0.0)
 
     def seen_basis(self, modal: ModalModel) -> np.ndarray:
         """Modal basis at the points as it is observed, (M, 3, r)."""
@@ -92,7 +92,7 @@ class Projection:
 
     data: np.ndarray  # [m], (T, d)
     operator: np.ndarray  # (d, r)
-    begun: np.ndarray | float = 0.0  # how frame 0 stands from rest, as the data [m], (d,); 0: it is at rest, as far as is known
+    second_order: np.ndarray | None = None  # what was left out of the data [m], (T, d); None: not known
 
     @classmethod
     def of(cls, motion: Motion, modal: ModalModel) -> Projection:
@@ -106,8 +106,8 @@ class Projection:
         shapes = motion.shapes.reshape(-1, motion.shapes.shape[2]) / count
         bases = [motion.seen_basis(modal).reshape(-1, modal.modes) / count for modal in models]
         frame, _ = np.linalg.qr(np.column_stack([shapes, *bases]))
-        back = (frame.T @ shapes).T
-        return tuple(cls(motion.coordinates @ back, frame.T @ basis, begun=motion.from_rest @ back) for basis in bases)
+        data = motion.coordinates @ (frame.T @ shapes).T
+        return tuple(cls(data, frame.T @ basis) for basis in bases)
 
     @classmethod
     def of_tracks(cls, motion: Motion, modal: ModalModel) -> Projection:
@@ -120,8 +120,7 @@ class Projection:
         def seen(moved: np.ndarray) -> np.ndarray:
             return np.asarray(moved.reshape(len(moved), -1) / count @ frame)
 
-        begun = seen(np.einsum("k,mck->mc", motion.from_rest, motion.shapes)[None])[0]
-        return cls(seen(motion.first_order), frame.T @ basis, begun)
+        return cls(seen(motion.first_order), frame.T @ basis, seen(motion.second_order))
 
 
 def observe(body: Body, tracks: Tracks, camera: Camera | None = None) -> Motion:

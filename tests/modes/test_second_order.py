@@ -9,20 +9,14 @@ from diffphys_ros.hooke import lame
 from diffphys_ros.modes import ModalModel, interpolation
 from diffphys_ros.modes.response import Step, driven
 from diffphys_ros.modes.second_order import SecondOrder
-from diffphys_ros.types import Body
 from tests.made_bar import YOUNG, bar, modes_of
 
 PERIOD_S = 1 / 30
 
 
 @pytest.fixture(scope="module")
-def body() -> Body:
-    return bar(pitch=2e-3)
-
-
-@pytest.fixture(scope="module")
-def modal(body: Body) -> ModalModel:
-    return modes_of(body, YOUNG)
+def modal() -> ModalModel:
+    return modes_of(bar(pitch=2e-3), YOUNG)
 
 
 def strain_energy(modal: ModalModel, young: np.ndarray, q: np.ndarray) -> float:

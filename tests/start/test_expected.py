@@ -84,6 +84,21 @@ def test_what_is_missed_of_a_swing_in_another_shape_does_not_hide_a_force_along(
     assert same[1] > 20 * nothing[1]
 
 
+def test_what_is_missed_grows_with_the_second_order_of_the_motion_while_the_force_acts(body: Body, modal: ModalModel) -> None:
+    fit = fit_of(body, modal, gust((ALONG, 0.6, 0.8)), 0)
+    problem, own = replace(fit.whole, common_m=1e-9), shapes_in_stiff_ways(fit.whole, fit.physics, fit.load)[0]
+    course = np.where(problem.allowed, 3.0, 1.0)[:, None] * 1e-3
+
+    def found(second: np.ndarray) -> tuple[float, float]:
+        last = expecting(replace(problem, seen=replace(problem.seen, second_order=second)), fit.physics, fit.load)
+        missed = missed_in_stiff_ways(last, fit.physics, problem.solve(fit.physics, fit.load), fit.load)[0]
+        return float(missed), float(np.linalg.norm(last.solve(fit.physics, fit.load).force[:, 0]))
+
+    even, growing = found(np.ones_like(course) * own), found(course * own)
+    assert growing[0] == pytest.approx(9 * even[0], rel=0.01)
+    assert growing[1] < 0.7 * even[1]
+
+
 def test_without_a_force_across_nothing_is_expected_along(body: Body, modal: ModalModel) -> None:
     still = fit_of(body, modal, np.zeros((FRAMES, 3)), 0)
     none = still.whole

@@ -18,7 +18,7 @@ from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.large_swing import SUBSTEPS, between, leading
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
-from tests.made_bar import BETA, PERIOD_S, SMALL, bar, gust, modes_of, motion, tracks, true_fit
+from tests.made_bar import BETA, PERIOD_S, SMALL, bar, gust, modes_of, motion, settings, tracks, true_fit
 
 YOUNG = np.array([9.0e5])  # Pa
 PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
@@ -86,17 +86,24 @@ def test_the_leading_coordinates_are_those_that_moved_the_tracks(body: Body, mod
     assert np.abs(found[:, 2:]).max() < 0.1 * np.abs(q).max()
 
 
-def test_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_products_left_open(body: Body, modal: ModalModel) -> None:
+def test_a_clip_that_begins_in_motion_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_products_left_open(body: Body, modal: ModalModel) -> None:
     fit = blown(body, modal, LARGE)[0]
     assert fit.acting.swing is not None
     assert fit.whole.swing is None
     normals = replace(fit.evidence.tracks, normals=np.tile([0.0, 1.0, 0.0], (len(fit.evidence.tracks.points[0]), 1)))
-    others = (replace(fit.evidence, first_order=True), replace(fit.evidence, tracks=normals), replace(fit.evidence, body=replace(body, clamped=False)))
-    assert [each.whole(modal, fit.support, second_order=True).swing for each in others] == [None, None, None]
+    moving = replace(fit.evidence, settings=settings(at_rest=False))
+    others = (moving, replace(fit.evidence, first_order=True), replace(fit.evidence, tracks=normals), replace(fit.evidence, body=replace(body, clamped=False)))
+    assert [each.second_order(fit.whole) for each in others] == [None, None, None, None]
 
 
 def test_of_a_very_large_swing_and_without_a_free_tail_nothing_is_left_open(body: Body, modal: ModalModel) -> None:
     far = true_fit(body, modal, tracks(modal, motion(modal, YOUNG, 10 * LARGE * gust((0.0, 1.0, 0.6)))), young=YOUNG)
+    assert far.evidence.second_order(far.whole) is None
     assert far.acting.swing is None
     fit = blown(body, modal, LARGE)[0]
     assert replace(fit, support=replace(fit.support, has_free_tail=False)).acting.swing is None
+
+
+def test_a_swing_that_second_order_does_not_explain_the_better_is_read_without_it(body: Body, modal: ModalModel) -> None:
+    fit = blown(body, modal, 1.0)[0]
+    assert fit.acting is fit.whole

@@ -46,7 +46,7 @@ def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalMod
             peak, sd = doubt.peak(doubt.found)
             off.append((peak - largest(true)) / sd)
     assert len(off) > 4
-    assert 0.33 < np.sqrt(np.mean(np.square(off))) < 1.2
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
 def test_a_push_of_usual_width_is_not_found_the_wider_for_what_the_modes_miss(body: Body, modal: ModalModel) -> None:
@@ -62,34 +62,49 @@ def test_a_wind_is_given_up_for_a_small_place_that_explains_the_motion_better_an
 ) -> None:
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
 
-    def misfit(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+    def cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
         if footprint.family == "uniform":
             return 100.0
         small = footprint.parameters[2] < place.TOUCH * problem.extent[2]
         return 60.0 if small == (better == "small") else 101.0
 
-    monkeypatch.setattr(place, "_misfit", misfit)
+    monkeypatch.setattr(place, "_cost", cost)
     assert place.best_footprint(whole, PHYSICS).family == family
 
 
-def test_a_misfit_speaks_by_its_share_of_what_is_missed_however_large_that_is_and_hardly_where_nothing_is(body: Body, modal: ModalModel) -> None:
+def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body: Body, modal: ModalModel) -> None:
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
-    misfits = np.array([10.0, 20.0])
-    none, many, more = (np.diff(place.unlikely(whole, PHYSICS, size * misfits)) for size in (1e-3, 1e5, 1e6))
-    np.testing.assert_allclose(many, more, rtol=1e-3)
-    np.testing.assert_allclose(many, place.independent(whole, PHYSICS) * np.log(2.0), rtol=1e-3)
-    told = np.diff(place.unlikely(whole, PHYSICS, misfits, missed=1e3))
-    assert max(none[0], told[0]) < 0.01 * many[0]
+    costs = np.array([10.0, 20.0])
+    few, many = (np.diff(place.unlikely(whole, PHYSICS, size * costs)) for size in (1e-3, 1e3))
+    np.testing.assert_allclose(few, many)
+    np.testing.assert_allclose(few, place.independent(whole, PHYSICS) * np.log(2.0))
+    told = np.diff(place.unlikely(whole, PHYSICS, costs, missed=1e3))
+    assert told < 0.01 * few
 
 
-def test_what_calms_a_force_does_not_tell_its_place(body: Body, modal: ModalModel) -> None:
+def open_beside(body: Body, modal: ModalModel, q: np.ndarray) -> ForceProblem:
+    """The problem of basis coordinates (T, r) with the second order left open."""
+    fit = true_fit(body, modal, tracks(modal, q))
+    second = fit.evidence.second_order(fit.whole)
+    assert second is not None
+    return second
+
+
+def test_beside_a_second_order_that_is_left_open_two_that_miss_hardly_anything_are_alike(body: Body, modal: ModalModel) -> None:
+    whole = open_beside(body, modal, moved(modal, gust(), modal.footprint_load()))
+    none, many = (np.diff(place.unlikely(whole, PHYSICS, size * np.array([10.0, 20.0])))[0] for size in (1e-3, 1e5))
+    assert many == pytest.approx(place.independent(whole, PHYSICS) * np.log(2.0), rel=1e-3)
+    assert none < 0.01 * many
+
+
+def test_beside_it_what_calms_a_force_does_not_tell_its_place(body: Body, modal: ModalModel) -> None:
     """A wind that sets in at once costs much by the priors that calm it, which made it a push (seed 948840)."""
-    fit = true_fit(body, modal, tracks(modal, moved(modal, gust(), modal.footprint_load())))
-    acting = replace(fit.whole, swing=fit.evidence.whole(modal, fit.support, second_order=True).swing)
-    solution = acting.solve_under(PHYSICS, Footprint())
-    misfit = place._misfit(acting, PHYSICS, Footprint())
-    assert misfit == pytest.approx((acting.missed(solution) ** 2).sum())
-    assert misfit < 0.7 * solution.cost
+    whole = open_beside(body, modal, moved(modal, gust(), modal.footprint_load()))
+    solution = whole.solve_under(PHYSICS, Footprint())
+    cost = place._cost(whole, PHYSICS, Footprint())
+    assert cost == pytest.approx((whole.missed(solution) ** 2).sum())
+    assert cost < 0.7 * solution.cost
+    assert place._cost(replace(whole, swing=None), PHYSICS, Footprint()) == pytest.approx(replace(whole, swing=None).solve_under(PHYSICS, Footprint()).cost)
 
 
 def test_nothing_is_open_near_a_wind(body: Body, modal: ModalModel) -> None:

@@ -96,17 +96,6 @@ def test_shapes_of_a_motion_that_begins_bent_are_those_at_rest():
     assert abs((observe(BODY, bent).first_order[..., 0] * rise).sum() / (rise**2).sum()) > 0.1
 
 
-def test_products_are_of_the_motion_about_rest():
-    tracks, _, _ = begun_bent(np.arange(40) / 30)
-    motion = observe(BODY, tracks)
-    assert np.linalg.norm(motion.from_rest) > 0.5 * np.abs(motion.coordinates).max() / 2
-    about_rest = motion.coordinates + motion.from_rest
-    np.testing.assert_allclose(motion.products[:, 0], about_rest[:, 0] ** 2 - motion.from_rest[0] ** 2)
-    np.testing.assert_array_equal(motion.products[0], 0.0)
-    still = observe(BODY, replace(tracks, first=None))
-    np.testing.assert_array_equal(still.products[:, 0], still.coordinates[:, 0] ** 2)
-
-
 def test_a_coordinate_that_hardly_moves_but_with_the_first_is_left_out():
     """It would be noise with a shape of its own."""
     seconds = np.arange(60) / 30
