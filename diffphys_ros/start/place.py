@@ -11,7 +11,7 @@ from ..linear_systems import inverted
 from .force import ForceProblem
 from .free_tail import Physics
 
-WIND = 0.1  # probability of a uniform force from which on it is taken: of 47 choice clips all 30 winds have more and 14 of 17 pushes less [docs/how_sure.md]
+WIND = 0.1  # probability of a uniform force from which on it is taken: of 47 choice clips 29 of 30 winds have more and 12 of 17 pushes less [docs/how_sure.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
 USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
 SURE = 0.1  # square of what a frame misses at the least, over its sigma, where the second order is left open: then a wind and a push may both miss hardly anything [chosen]
