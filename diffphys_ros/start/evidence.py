@@ -15,7 +15,7 @@ from ..vibration.forced_frames import Support
 from .along import along_of
 from .force import ForceProblem
 from .free_tail import DETUNED, MODEL_ERROR, Tail
-from .large_swing import FARTHEST, LargeSwing
+from .large_swing import LargeSwing
 from .untold import TOLD, Untold
 
 if TYPE_CHECKING:
@@ -114,8 +114,7 @@ class Evidence:
         return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth, self.motion.coherent_m)
 
     def second_order(self, problem: ForceProblem) -> ForceProblem | None:
-        """The same with what the tracks hold of second order left open; None where they hold none, or more: of a very large swing all orders count."""
-        reach = np.linalg.norm(self.motion.displacement, axis=2).max() / np.ptp(problem.modal.nodes, axis=0).max()
-        if not (self.at_rest and self.of_points and self.body.clamped and not self.first_order and reach < FARTHEST):
+        """The same with what the tracks hold of second order left open; None where they hold none."""
+        if not (self.at_rest and self.of_points and self.body.clamped and not self.first_order):
             return None
         return replace(problem, swing=LargeSwing.of(self.motion, problem.seen, problem.modal, problem.sigma_m, self.period_s))

@@ -25,7 +25,7 @@ FORCE_STEP_SD = 0.3  # of the change from frame to frame, same unit [chosen]
 INITIAL_MODES = 6  # whose displacement and rate at frame 0 are unknown when the clip does not start at rest [chosen]
 EDGE_GAIN, EDGE_SHARE = 1.0, 0.05  # a frame joins the forced ones at either end for this gain of cost and share of the peak [chosen]
 REFINEMENTS = 8  # steps of the fit to all frames [numerical]
-CENTRES = (6, 3)  # of the search over footprints, along and across the body [numerical]
+CENTRES = (6, 7)  # of the search over footprints, along and across the body [numerical]
 WIDTHS = (0.08, 0.16, 0.35, 0.8)  # of the body's length [numerical]
 SINGULAR = 1e-12  # added to the normal equations, whose diagonal the priors keep at 0.1 or more: what nothing tells stays zero [numerical]
 

@@ -20,9 +20,9 @@ from ..modes.second_order import SecondOrder
 from ..nuisance import Nuisance
 from ..vibration.coordinates import Motion, Projection
 
-LEADING = 6  # modes whose products drive others: those that swing far are among them [chosen]
+SOFT = 20.0  # times the lowest squared frequency: softer modes swing far, and their products drive others; a bar three times as long as thick stretches at 21 [derived]
+QUICK = 40.0  # times the same: stiffer modes follow a product of the softest as if at rest, to a tenth; that is left open already, and how they ring tells nothing of a large swing [derived]
 PRODUCT_SD = 2.0  # of the factors of products of coordinates, times the body's length: the tip of a bent bar moves twice as far as its points on the mean, and back by .6 of the square of that over the length [derived]
-FARTHEST = 0.25  # of the body's length that a point moves: beyond it a motion is more than its second order, which then explains it worse than none [chosen]
 SUBSTEPS = 4  # of a frame, between which a product is taken as constant [numerical]
 
 
@@ -38,18 +38,21 @@ class LargeSwing:
     @classmethod
     def of(cls, motion: Motion, seen: Projection, modal: ModalModel, sigma_m: float, period_s: float) -> LargeSwing:
         """Of what is observed, a coordinate of which is known to `sigma_m`."""
-        return cls(SecondOrder.of(modal, LEADING), between(leading(seen, modal, sigma_m)), Nuisance.of(products(motion, modal)[motion.known] / sigma_m), period_s)
+        coordinates = leading(seen, modal, sigma_m)
+        return cls(SecondOrder.of(modal, coordinates.shape[1]), between(coordinates), Nuisance.of(products(motion, modal)[motion.known] / sigma_m), period_s)
 
     def driven(self, young: np.ndarray, omega2: np.ndarray, decay: np.ndarray, shapes: np.ndarray) -> np.ndarray:
         """Coordinates (T, r) of eigenmodes `shapes` (r, r) with squared frequencies [1/s^2] and decay [1/s] (r,), as products drive them."""
-        return driven(omega2, decay, self.period_s, self.second.load(young, self.coordinates) @ shapes, SUBSTEPS)
+        load = self.second.load(young, self.coordinates) @ shapes
+        return driven(omega2, decay, self.period_s, np.where(omega2 <= QUICK * omega2[0], load, 0.0), SUBSTEPS)
 
 
 def leading(seen: Projection, modal: ModalModel, sigma_m: float) -> np.ndarray:
-    """Coordinates of the first basis vectors, (T, l), that explain what is seen: each expected to be as large as the softest would move the points
-    under the force on it."""
-    count = min(LEADING, modal.modes)
-    squares = np.maximum(np.diag(modal.matrix(modal.reference))[:count], 1.0)
+    """Coordinates of the soft ones of the first basis vectors, (T, l), that explain what is seen: each expected to be as large as the softest would move
+    the points under the force on it. What is seen of a stiff one is itself of second order: how a bent bar shortens, taken for a stretch, would stiffen it."""
+    squares = np.maximum(np.diag(modal.matrix(modal.reference)), 1.0)
+    count = int((squares <= SOFT * squares[0]).cumprod().sum())
+    squares = squares[:count]
     operator, moved = seen.operator[:, :count], seen.data
     size = float(np.sqrt((moved**2).sum(1).max())) / max(float(np.linalg.norm(operator[:, 0])), 1e-12)
     expected = np.maximum(size * squares[0] / squares, 1e-12)

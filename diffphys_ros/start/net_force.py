@@ -222,7 +222,7 @@ class _Doubt:
         places = [Footprint(), *local]
         found = [self.whole.solve_under(self.fit.physics, place) for place in places]
         costs = np.array([(self.whole.counted(each) ** 2).sum() for each in found])
-        weight = probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(len(places)), 1.0)
+        weight = probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(self.whole, places), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
 

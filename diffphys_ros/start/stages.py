@@ -30,7 +30,6 @@ BASES = 3  # most times that the basis is moved to the fit [numerical]
 SETTLED = 0.1  # change of log E and log density that needs no new basis [numerical]
 STIFFENINGS = 20  # doublings, at most, of a modulus that buckles [numerical]
 PRIOR_DAMPING = Damping(0.0, 1e-3)  # of a guess [chosen]
-BETTER = 0.35  # of what a wind misses: with less, the second order of a swing is taken into account [chosen]
 SPARSITY = (1e3, 3e2, 1e2, 3e1)  # of the force in time, round by round; the last on the frames that are kept [chosen]
 ROUNDING = 0.02  # of the corner of the sparse prior, in units of the accelerations seen [numerical]
 MISSED = 5.0  # times what a frame of the tail may miss, from which on a force is looked for inside it [chosen]
@@ -89,13 +88,10 @@ class Fit:
 
     @cached_property
     def acting(self) -> ForceProblem:
-        """The same for the place of the force and the force itself, with what the tracks hold of second order left open where physics come from a free tail, the clip
-        begins at rest and that explains a wind the better. For physics it would be one thing too many to be found: a mode near resonance that answers otherwise than computed would move them."""
+        """The same with what the tracks hold of second order left open or computed, where the clip begins at rest and a free tail tells the stiffness: a joint fit of
+        stiffness and force is read without."""
         second = self.evidence.second_order(self.whole) if self.support.has_free_tail else None
-        if second is None:
-            return self.whole
-        first, left = (float((each.missed(each.solve(self.physics, each.uniform_load)) ** 2).sum()) for each in (self.whole, second))
-        return second if left < BETTER * first else self.whole
+        return self.whole if second is None else second
 
     def last(self, *, missed: float = 0.0) -> ForceProblem:
         """The same once physics and place are found, with what is expected along the body; arguments as for `expecting`."""
@@ -225,7 +221,7 @@ def _footprint(fit: Fit) -> Fit:
 
 def _refine(fit: Fit) -> Fit:
     believed = fit.evidence.believed if fit.evidence.first_order else nothing
-    return replace(fit, physics=fit.whole.refine(fit.physics, fit.load, believed=believed))
+    return replace(fit, physics=fit.acting.refine(fit.physics, fit.load, believed=believed))
 
 
 def _guess(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:

@@ -35,7 +35,7 @@ def pushed(body: Body, modal: ModalModel, seed: int, *, widths: tuple[float, flo
     missed = alike_errors(modal, rng, MODES) * missed_share * q[:, :MODES].std(0).max()
     q[:, :MODES] += missed - missed[0]
     fit = true_fit(body, modal, tracks(modal, q, seed=seed))
-    return replace(fit, footprint=place.best_footprint(fit.whole, PHYSICS)), force * whole.footprint_volume(there)
+    return replace(fit, footprint=place.best_footprint(fit.acting, PHYSICS)), force * whole.footprint_volume(there)
 
 
 def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalModel) -> None:
@@ -70,6 +70,27 @@ def test_a_wind_is_given_up_for_a_small_place_that_explains_the_motion_better_an
 
     monkeypatch.setattr(place, "_cost", cost)
     assert place.best_footprint(whole, PHYSICS).family == family
+
+
+def test_some_place_that_is_tried_explains_a_push_between_them(body: Body, modal: ModalModel) -> None:
+    """A push beside the axis twists a blade: places that lie further apart across it than they are wide let a wind pass for the better."""
+    whole = open_beside(body, modal, np.zeros((FRAMES, modal.modes)))
+    low, high, length = whole.extent
+    for across in np.linspace(low[1], high[1], 9):
+        there = whole.footprint_load(Footprint("gaussian", np.r_[0.9 * length, across, place.USUAL * length]))
+        near = [whole.footprint_load(each) for each in whole.local_footprints]
+        alike = max(float((there * each).sum() / (np.linalg.norm(there) * np.linalg.norm(each))) for each in near)
+        assert alike > 0.99, across
+
+
+def test_a_push_is_as_probable_as_its_width_is_usual_before_the_motion_is_looked_at(body: Body, modal: ModalModel) -> None:
+    whole = open_beside(body, modal, np.zeros((FRAMES, modal.modes)))
+    length = whole.extent[2]
+    usual, wide, narrow = (Footprint("gaussian", np.r_[0.5 * length, 0.0, width * length]) for width in place.USUAL * np.exp([0.0, 2 * place.SPREAD, -2 * place.SPREAD]))
+    found = place.before(whole, [Footprint(), usual, wide, narrow])
+    assert found.sum() == pytest.approx(1.0)
+    assert found[0] == place.EVEN
+    np.testing.assert_allclose(found[2:] / found[1], np.exp(-2.0))
 
 
 def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body: Body, modal: ModalModel) -> None:
