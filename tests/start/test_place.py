@@ -91,6 +91,8 @@ def test_a_push_is_as_probable_as_its_width_is_usual_before_the_motion_is_looked
     assert found.sum() == pytest.approx(1.0)
     assert found[0] == place.EVEN
     np.testing.assert_allclose(found[2:] / found[1], np.exp(-2.0))
+    four_times = replace(usual, parameters=usual.parameters * (1, 1, 4))
+    assert place.before(whole, [Footprint(), usual, four_times])[2] < 0.05
 
 
 def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body: Body, modal: ModalModel) -> None:
