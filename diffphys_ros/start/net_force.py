@@ -201,14 +201,8 @@ class _Doubt:
         return np.array(found).reshape(-1, len(self.force)).T
 
     def _net_under(self, physics: Physics, modal: ModalModel | None) -> np.ndarray:
-        whole = self.whole if modal is None else self._of(modal)
+        whole = self.whole if modal is None else replace(replace(self.fit, modal=modal).acting, expected=self.whole.expected)
         return self._net(whole.solve(physics, whole.footprint_load(self.fit.footprint)), self.fit.footprint)
-
-    def _of(self, modal: ModalModel) -> ForceProblem:
-        """The problem under other modes, with what is left open and expected in that of the fit's."""
-        other = replace(self.fit, modal=modal).whole
-        second = None if self.whole.swing is None else self.fit.evidence.second_order(other)
-        return replace(second or other, expected=self.whole.expected)
 
     def by_moving_it(self) -> np.ndarray:
         """Changes (3 F, m) by one standard deviation of what is open of a push's place and width."""

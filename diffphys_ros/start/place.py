@@ -13,7 +13,7 @@ from ..linear_systems import inverted
 from .force import ForceProblem
 from .free_tail import Physics
 
-WIND = 0.3  # probability of a uniform force from which on it is taken: of 29 runs of choice clips all 16 of winds have more (.39 to 1) and all 13 of pushes less (0 to .19) [docs/how_sure.md]
+WIND = 0.3  # probability of a uniform force from which on it is taken: of 30 runs of choice clips all 16 of winds have more (.36 to 1) and all 14 of pushes less (0 to .15) [docs/how_sure.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
 USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
 SURE = 0.1  # square of what a frame misses at the least, over its sigma, where the second order is left open: then a wind and a push may both miss hardly anything [chosen]

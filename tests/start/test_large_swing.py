@@ -16,6 +16,7 @@ from diffphys_ros.start import place
 from diffphys_ros.start.force import ForceProblem
 from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.large_swing import QUICK, SUBSTEPS, between, leading
+from diffphys_ros.start.net_force import _Doubt
 from diffphys_ros.start.stages import Fit, physics_again, run
 from diffphys_ros.types import Body
 from tests.made_bar import BETA, PERIOD_S, SMALL, bar, gust, modes_of, motion, settings, tracks, true_fit
@@ -106,6 +107,13 @@ def test_stiffness_and_damping_are_read_beside_it(body: Body, modal: ModalModel)
     found = run(physics_again(), blown(body, modal, 3 * LARGE)[0]).physics
     assert abs(np.log10(found.young / YOUNG)) < 1e-4
     assert abs(found.damping.stiffness_s - BETA) < 0.02 * BETA
+
+
+def test_the_force_and_what_it_may_be_under_other_modes_are_found_beside_it(body: Body, modal: ModalModel) -> None:
+    fit = blown(body, modal, LARGE)[0]
+    assert fit.last().swing is fit.acting.swing
+    doubt = _Doubt(fit, None)
+    np.testing.assert_allclose(doubt._net_under(PHYSICS, fit.modal), doubt.force, atol=1e-6 * np.abs(doubt.force).max())
 
 
 def test_a_clip_that_begins_in_motion_tracks_of_first_order_an_outline_and_a_body_that_nothing_holds_have_no_products_left_open(body: Body, modal: ModalModel) -> None:

@@ -38,6 +38,14 @@ def pushed(body: Body, modal: ModalModel, seed: int, *, widths: tuple[float, flo
     return replace(fit, footprint=place.best_footprint(fit.acting, PHYSICS)), force * whole.footprint_volume(there)
 
 
+def open_beside(body: Body, modal: ModalModel, q: np.ndarray) -> ForceProblem:
+    """The problem of basis coordinates (T, r) with the second order left open."""
+    fit = true_fit(body, modal, tracks(modal, q))
+    second = fit.evidence.second_order(fit.whole)
+    assert second is not None
+    return second
+
+
 def test_the_peak_of_a_push_is_off_by_what_is_stated(body: Body, modal: ModalModel) -> None:
     off = []
     for fit, true in (pushed(body, modal, seed) for seed in range(10)):
@@ -76,9 +84,9 @@ def test_some_place_that_is_tried_explains_a_push_between_them(body: Body, modal
     """A push beside the axis twists a blade: places that lie further apart across it than they are wide let a wind pass for the better."""
     whole = open_beside(body, modal, np.zeros((FRAMES, modal.modes)))
     low, high, length = whole.extent
+    near = [whole.footprint_load(each) for each in whole.local_footprints]
     for across in np.linspace(low[1], high[1], 9):
         there = whole.footprint_load(Footprint("gaussian", np.r_[0.9 * length, across, place.USUAL * length]))
-        near = [whole.footprint_load(each) for each in whole.local_footprints]
         alike = max(float((there * each).sum() / (np.linalg.norm(there) * np.linalg.norm(each))) for each in near)
         assert alike > 0.99, across
 
@@ -103,14 +111,6 @@ def test_a_cost_speaks_by_its_share_of_what_is_missed_however_large_that_is(body
     np.testing.assert_allclose(few, place.independent(whole, PHYSICS) * np.log(2.0))
     told = np.diff(place.unlikely(whole, PHYSICS, costs, missed=1e3))
     assert told < 0.01 * few
-
-
-def open_beside(body: Body, modal: ModalModel, q: np.ndarray) -> ForceProblem:
-    """The problem of basis coordinates (T, r) with the second order left open."""
-    fit = true_fit(body, modal, tracks(modal, q))
-    second = fit.evidence.second_order(fit.whole)
-    assert second is not None
-    return second
 
 
 def test_beside_a_second_order_that_is_left_open_two_that_miss_hardly_anything_are_alike(body: Body, modal: ModalModel) -> None:
