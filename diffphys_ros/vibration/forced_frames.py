@@ -6,6 +6,7 @@ A linear body that is left alone obeys q[k+2] = A q[k+1] + B q[k]; what a frame 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +15,7 @@ COMMON_SHARE = 0.1  # of the track noise that is common to all points, at the le
 CURVED_SHARE = 0.02  # of the second differences: large swings change the frequency a little [chosen]
 SECOND_NOISE = 6.0  # variance of a second difference over that of a frame: 1 + 4 + 1 [derived]
 FORCED_SIGMA = 4.0  # misfit of the recursion that tells of a force [chosen]
+FAINTER_SIGMA = 3.0  # the same where with that no tail is free, for it may be fitted to the fainter of two gusts then; if so it finds the tail to be as short as its misfit says [chosen]
 ROBUST_ROUNDS = 6  # at which equations are those of a force is asked anew [numerical]
 RIDGE = 1e-5  # of the largest coordinate: decides for coordinates that hardly move [numerical]
 TAIL_RISE = 1.35  # growth of the misfit that ends the backward search for the start of the tail [chosen]
@@ -76,7 +78,17 @@ def find_support(coordinates: np.ndarray, known: np.ndarray, period_s: float, *,
     start = start_of_tail(rows)
     if start is None:
         return Support(np.ones(len(coordinates), bool), False, np.zeros(0), np.zeros(0), 0.0)
-    matrix, misfit, keep, sigma, floor = rows.robust(start, coordinates[known], noise_m)
+    read = partial(_support, rows, start, coordinates=coordinates, known=known, period_s=period_s, at_rest=at_rest, noise_m=noise_m)
+    usual = read(FORCED_SIGMA)
+    if usual.has_free_tail:
+        return usual
+    closer = read(FAINTER_SIGMA)
+    return closer if closer.has_free_tail and closer.tail_start > start else usual
+
+
+def _support(rows: Rows, start: int, forced_sigma: float, *, coordinates: np.ndarray, known: np.ndarray, period_s: float, at_rest: bool, noise_m: float) -> Support:
+    """The same by the recursion over the rows from `start` on, less those that it misses by `forced_sigma`."""
+    matrix, misfit, keep, sigma, floor = rows.robust(start, coordinates[known], noise_m, forced_sigma)
     glitch = _glitches(rows.usable & ~keep, rows.target - rows.source @ matrix, rows.usable)
     faint = rows.usable & (misfit > FAINT_SIGMA * sigma)
     forced = _frames(_followed(rows.usable & ~keep & ~glitch, faint & ~glitch, rows.usable), len(coordinates))
@@ -107,10 +119,10 @@ class Rows:
         zero = np.zeros((len(ridge), self.target.shape[1]))
         return np.linalg.lstsq(np.vstack([self.source[keep], ridge]), np.vstack([self.target[keep], zero]), rcond=None)[0]
 
-    def robust(self, start: int, moved: np.ndarray, noise_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
+    def robust(self, start: int, moved: np.ndarray, noise_m: float, forced_sigma: float = FORCED_SIGMA) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
         """Matrix of the equations from `start` on without those of a force, the misfits (T-2,) of all under it, which were kept, their usual
-        misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n). The few equations between those of a force, where it passes
-        zero, are its own: with them the recursion learns the force, until no equation stands out."""
+        misfit, and the floor of one coordinate of that, for known coordinates `moved` (F, n). Those of a force are missed by `forced_sigma` times the
+        usual. The few between them, where it passes zero, are its own: with them the recursion learns the force, until no equation stands out."""
         second = np.diff(moved, 2, axis=0)  # six times the noise variance; what the recursion has to explain
         floor = float(np.hypot(COMMON_SHARE * noise_m * np.sqrt(SECOND_NOISE), CURVED_SHARE * np.sqrt((second**2).mean())))
         keep = self.usable & (np.arange(len(self.target)) >= start)
@@ -118,7 +130,7 @@ class Rows:
             matrix = self.fit(keep)
             misfit = self.misfit(matrix)
             sigma = float(max(np.sqrt((misfit[keep] ** 2).mean()), floor * np.sqrt(self.target.shape[1])))
-            keep = self.usable & ~bridged(self.usable & (misfit >= FORCED_SIGMA * sigma))
+            keep = self.usable & ~bridged(self.usable & (misfit >= forced_sigma * sigma))
         return matrix, misfit, keep, sigma, floor
 
     def centre(self, matrix: np.ndarray) -> np.ndarray:

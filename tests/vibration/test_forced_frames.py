@@ -55,6 +55,16 @@ def test_a_force_that_swings_to_and_fro_is_not_taken_for_free_motion(halves, pea
     assert len(found) == found[-1] - found[0] + 1
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_fainter_of_two_gusts_is_no_free_motion(seed):
+    """Fitted to it, a recursion tells no frequency; with fainter forces left out it does."""
+    force = pulse(3, 9, 0.9)
+    force[13:24] = -0.6 * np.sin(np.pi * (np.arange(11) + 0.5) / 11)[:, None] * (1.0, 0.7)
+    support = find_support(swings(force, seed=seed), KNOWN, PERIOD_S, at_rest=True, noise_m=3e-5)
+    assert support.has_free_tail
+    assert -4 <= support.tail_start - 25 <= 2
+
+
 def test_frequencies_and_decays_are_read_off_the_tail():
     support = find_support(swings(pulse(3, 10), noise=5e-6), KNOWN, PERIOD_S, at_rest=True, noise_m=1e-5)
     assert support.has_free_tail
