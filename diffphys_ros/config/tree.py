@@ -32,7 +32,7 @@ class Scene:
     """What a person knows about the clip. All optional."""
 
     mass_kg: float | None = setting(None, "mass of the object", unit="kg", low=1e-6, high=1e5)
-    density_kg_m3: list[float] | None = setting(None, "density, one value or one per part", unit="kg/m^3", low=1.0, high=3e4)
+    density_kg_m3: list[float] | None = setting(None, "density, one value or one per part: numbered from the clamp outwards, those equally far from left to right", unit="kg/m^3", low=1.0, high=3e4)
     poisson_ratio: list[float] | None = setting(None, "Poisson's ratio, one value or one per part; where not given, what the free motion makes of the prior's, or of 0.3", low=0.0, high=0.49)
     thickness_m: float | None = setting(None, "largest extent along thickness_axis", unit="m", low=1e-4, high=10.0)
     size_m: float | None = setting(None, "largest extent of the object as the camera sees it in frame 0, or what length_px marks; fixes the scale where neither depth nor clamp_box_m does", unit="m", low=1e-4, high=1e3)

@@ -16,6 +16,7 @@ LEAST_SHARE = 0.015  # of the object that a part must cover
 MOST_ENCLOSED, LEAST_ENCLOSED_SHARE = 0.6, 0.08  # of a part's outline inside the object, beyond which it is a spot or a seam unless it covers so much
 LEAST_CONNECTED = 0.75  # of a colour's pixels that must be in its largest piece and those that cover LEAST_ENCLOSED_SHARE of the object
 MEDIUM_LIGHTNESS = 60.0
+EQUALLY_FAR = 0.1  # of the way to the clamp, by which perspective and the drawn edges let prongs of equal reach differ
 REFINEMENTS = 4
 
 
@@ -47,10 +48,13 @@ def split_parts(frame: np.ndarray, mask: np.ndarray, *, max_parts: int) -> np.nd
 
 def numbered(parts: np.ndarray, clamp_pixel: np.ndarray | None) -> np.ndarray:
     """Parts renumbered 1..n, uint8 (H, W): by the way inside the object from the clamp [px] to their nearest pixel, for a hook's tip hangs nearer
-    to the clamp than its bend; without a clamp, largest first."""
+    to the clamp than its bend; those that are equally far and do not touch, as the prongs of a fork, from left to right. Without a clamp, largest first."""
     old = np.setdiff1d(np.unique(parts), 0)
     away = None if clamp_pixel is None or not len(old) else way_lengths(parts > 0, _nearest(parts > 0, clamp_pixel))
-    order = sorted(old, key=lambda part: _rank(parts == part, clamp_pixel, away))
+    ranks = {part: _rank(parts == part, clamp_pixel, away) for part in old}
+    order = sorted(old, key=lambda part: ranks[part])
+    if away is not None:
+        order = [part for beside in _side_by_side(parts, order, ranks) for part in sorted(beside, key=lambda part: np.nonzero(parts == part)[1].mean())]
     table = np.zeros(256, np.uint8)
     table[order] = np.arange(1, len(order) + 1)
     return table[parts]
@@ -155,3 +159,16 @@ def _rank(region: np.ndarray, clamp_pixel: np.ndarray | None, away: np.ndarray |
         return -float(region.sum()), 0.0
     v, u = np.nonzero(region)
     return float(away[region].min()), float(np.hypot(u - clamp_pixel[0], v - clamp_pixel[1]).min())
+
+
+def _side_by_side(parts: np.ndarray, order: list[int], ranks: dict[int, tuple[float, float]]) -> list[list[int]]:
+    """Parts in their order; in one list those that are as far from the clamp as the first of it and touch none of the others in it."""
+    out: list[list[int]] = []
+    for part in order:
+        near = cv2.dilate((parts == part).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        touched = np.unique(parts[near])
+        if out and np.isfinite(ranks[part][0]) and ranks[part][0] <= (1 + EQUALLY_FAR) * ranks[out[-1][0]][0] and not np.isin(out[-1], touched).any():
+            out[-1].append(part)
+        else:
+            out.append([part])
+    return out

@@ -35,12 +35,18 @@ def log10_young_sd(tail: Tail, physics: Physics, bend: Bend, geometry_sd: np.nda
 
 def spread_over_curvature(tail: Tail, physics: Physics) -> np.ndarray:
     """Standard deviation of log E per part by noise of the frames, priors and shapes of the modes, over the one that the curvature of the misfit alone
-    would make it, (n,): what a misfit that rises by one standard deviation squared is worth. The whole excess where modes are held to the model."""
+    would make it, (n,): what a misfit that rises by one standard deviation squared is worth. Without the prior that ties a part to its neighbours where
+    that is more: with it this is 1 where the tail tells next to nothing of the part, however much is missed. The whole excess where modes are held to the
+    model."""
+    parts = len(physics.young)
     if not tail.detuned:
-        return np.full(len(physics.young), tail.excess(physics))
-    bend = Bend.of(tail, physics)
+        return np.full(parts, tail.excess(physics))
+    return np.array([max(_worth(tail, physics, Bend.of(tail, physics, untied=untied), part) for untied in (None, part)) for part in range(parts)])
+
+
+def _worth(tail: Tail, physics: Physics, bend: Bend, part: int) -> float:
     variance = _fit_variance(tail, physics, bend) + (np.log(10.0) * of_shapes(tail, physics, bend)) ** 2
-    return np.asarray(np.sqrt(variance / np.diag(bend.inverse)[: len(physics.young)]))
+    return float(np.sqrt(variance[part] / bend.inverse[part, part]))
 
 
 def _fit_variance(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
@@ -75,9 +81,12 @@ class Bend:
     inverse: np.ndarray  # of the Gauss-Newton matrix of both
 
     @classmethod
-    def of(cls, tail: Tail, physics: Physics) -> Bend:
+    def of(cls, tail: Tail, physics: Physics, untied: int | None = None) -> Bend:
+        """At `physics`; no prior ties the part `untied` to its neighbours."""
         parts = len(physics.young)
         jacobian, prior = tail.slope(physics), prior_residual(np.eye(len(physics.vector())), parts)
+        if untied is not None:
+            prior = prior[prior[:, untied] == 0]
         return cls(jacobian, prior, inverted(jacobian.T @ jacobian + prior.T @ prior))
 
     def young_by(self, misfits: np.ndarray, parts: int) -> np.ndarray:

@@ -188,6 +188,23 @@ def test_parts_are_numbered_from_the_clamp_or_by_size() -> None:
     assert np.array_equal(numbered(parts, np.array([0.0, 10.0]))[0, [0, 15, 40]], [1, 2, 3])
 
 
+@pytest.mark.parametrize("shorter", [1, 2])
+def test_prongs_that_are_equally_far_are_numbered_from_left_to_right(shorter: int) -> None:
+    """Whichever is a pixel or two nearer: who tells a density of each must know which is which."""
+    for left, right in ((0, shorter), (shorter, 0)):
+        parts = np.zeros((80, 60), np.uint8)
+        parts[40:80, 25:35], parts[30:40, 5:55] = 3, 3
+        parts[: 30 + left, 5:15], parts[: 30 + right, 45:55] = 2, 1
+        named = numbered(parts, np.array([30.0, 79.0]))
+        assert [named[70, 30], named[5, 10], named[5, 50]] == [1, 2, 3]
+
+
+def test_parts_in_a_row_are_numbered_outwards_however_short_they_are() -> None:
+    parts = np.zeros((10, 100), np.uint8)
+    parts[:, 60:], parts[:, 57:60], parts[:, :57] = 1, 3, 2
+    assert numbered(parts, np.array([99.0, 5.0]))[5, [80, 58, 20]].tolist() == [1, 2, 3]
+
+
 def test_the_tip_of_a_hook_comes_after_its_bend_although_it_hangs_nearer_to_the_clamp() -> None:
     stem, bend, tip = 1, 3, 2
     parts = np.zeros((60, 50), np.uint8)

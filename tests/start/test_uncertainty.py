@@ -195,6 +195,20 @@ def test_young_scatters_by_noise_of_the_frames_as_is_stated() -> None:
     np.testing.assert_allclose(np.sqrt(np.mean(stated, axis=0) ** 2 - by_priors**2), np.std(young, axis=0), rtol=0.4)
 
 
+def test_what_a_misfit_is_worth_does_not_depend_on_how_little_the_tail_tells() -> None:
+    """A longer tip and a mere end of one are seen with the same error of shapes, which is worth several of the standard deviations of single frames in both."""
+    worth = []
+    for edge in (0.15, 0.29):
+        body, rng = bar(edges=(edge,)), np.random.default_rng(0)
+        truth = modes_of(body, YOUNG)
+        tail, found = tail_of(body, tracks(truth, motion(truth, YOUNG, gust())))
+        width, off = tail.data.shape[1], replace(tail)
+        object.__setattr__(off, "data", tail.data + tail.swings(found)[:, :1] @ rng.normal(0.0, 0.04 / np.sqrt(width), (1, width)))
+        worth.append(spread_over_curvature(off, off.search(found)[1])[1])
+    assert min(worth) > 2
+    assert max(worth) < 2 * min(worth)
+
+
 def test_where_modes_are_held_to_the_model_all_that_is_missed_counts_as_noise() -> None:
     """As of an outline, which shows one mode well: the leading mode is seen 6 % off in directions drawn at random, the same in all frames."""
     body, rng = bar(), np.random.default_rng(0)
