@@ -184,22 +184,29 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
 
 def _later_tail(fit: Fit) -> Fit:
     """The longest tail that the modes explain, where they miss much of the first: noise and lost frames hide the last of several gusts from
-    what reads forced frames from the motion alone, and a tail with a force in it tells nothing."""
+    what reads forced frames from the motion alone, and a tail with a force in it tells nothing. Where
+    neither half of it nor the least is explained, the rest is not tried."""
     missed = fit.tail.missed_m(fit.physics)
     if missed <= MISSED * fit.tail.sigma_m:
         return fit
-    hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
-    needed = least_tail_frames(hz, fit.evidence.period_s)
-    room = len(fit.whole.known) - needed - fit.support.tail_start
-    found = []
-    for later in range(LATER, room + 1, max(LATER, math.ceil(room / TAILS))):
-        trial = replace(fit, support=fit.support.grown(0, later))
-        trial = trial.at_tail(*trial.tail.fit(fit.physics.young, hz, decay))
-        found.append((trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial))
-    best = min((share for share, _ in found), default=np.inf)
-    if best > EXPLAINED * missed / fit.tail.size_m:
+    hz = fit.support.frequencies_hz[0]
+    room = len(fit.whole.known) - least_tail_frames(hz, fit.evidence.period_s) - fit.support.tail_start
+    later = range(LATER, room + 1, max(LATER, math.ceil(room / TAILS)))
+    if not later:
         return fit
+    tried = {by: _begun_later(fit, by) for by in (later[len(later) // 2], later[-1])}
+    if min(share for share, _ in tried.values()) > EXPLAINED * missed / fit.tail.size_m:
+        return fit
+    found = [tried.get(by) or _begun_later(fit, by) for by in later]
+    best = min(share for share, _ in found)
     return next(trial for share, trial in found if share <= NEAR_BEST * best)
+
+
+def _begun_later(fit: Fit, by: int) -> tuple[float, Fit]:
+    """The same with a tail that begins so many frames later; what is missed of its motion comes first."""
+    trial = replace(fit, support=fit.support.grown(0, by))
+    trial = trial.at_tail(*trial.tail.fit(fit.physics.young, fit.support.frequencies_hz[0], fit.support.decay_per_s[0]))
+    return trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial
 
 
 def _edges(fit: Fit) -> Fit:
