@@ -55,7 +55,7 @@ setup(
         "capture": ["pycolmap>=4.0"],
         # diffphys batch --address; a wheel of 79 MB, 240 MB installed
         "ray": ["ray>=2.60"],
-        "dev": ["filelock>=3.12", "pytest>=8,<9", "pytest-timeout>=2.3", "pytest-xdist>=3.6", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
+        "dev": ["pytest>=8,<9", "pytest-timeout>=2.3", "pytest-xdist>=3.6", "ruff>=0.6", "mypy>=1.11", "colcon-common-extensions>=0.3", "setuptools>=64,<80"],
     },
     entry_points={
         "console_scripts": [f"diffphys = {NAME}.__main__:main", *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES)],

@@ -7,18 +7,13 @@ knows how the answer is found, so that the gates survive when that is written an
 
 from __future__ import annotations
 
-import os
-import re
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from filelock import FileLock
 
 from diffphys_ros import config, inverse, result
 from diffphys_ros.__main__ import main
@@ -59,8 +54,6 @@ class Answer:
 
 
 Recover = Callable[..., Answer]
-MadeOnce = Callable[[str, Callable[[Path], object]], Path]
-CLIP = "clip.npz"
 
 
 def folder_of(kind: str) -> Path:
@@ -71,58 +64,39 @@ def folder_of(kind: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
-    """made_once("strip", make) -> folder that make(folder) filled; once for all processes that run these tests side by side."""
-    own = tmp_path_factory.getbasetemp()
-    common = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-
-    def made(name: str, make: Callable[[Path], object]) -> Path:
-        folder, finished_once = common / name, common / f"{name}.made"
-        with FileLock(common / f"{name}.lock"):
-            if not finished_once.exists():
-                shutil.rmtree(folder, ignore_errors=True)  # of a process that failed
-                folder.mkdir()
-                make(folder)
-                finished_once.touch()
-        return folder
-
-    return made
-
-
-@pytest.fixture(scope="session")
-def ingested(made_once: MadeOnce) -> Callable[[str], Path]:
+def ingested(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """ingested("strip") -> its clip.npz, from which the solver goes on. "fading" is the strip's with light that goes."""
-
-    def make(kind: str, out: Path) -> None:
-        folder = folder_of(kind)
-        if kind == "fading":
-            sound, settings = result.load_prepared(ingest("strip")), config.layered((), {}, base=result.stored_settings(ingest("strip")))
-            result.save_prepared(out / CLIP, replace(sound, clip=in_fading_light(sound.clip, folder / "truth.npz")), settings)
-        else:
-            assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(out / CLIP)]) == 0
+    prepared: dict[str, Path] = {}
 
     def ingest(kind: str) -> Path:
-        return made_once(f"ingested_{kind}", partial(make, kind)) / CLIP
+        if kind in prepared:
+            return prepared[kind]
+        folder, prepared[kind] = folder_of(kind), tmp_path_factory.mktemp(kind) / "clip.npz"
+        if kind != "fading":
+            assert main(["ingest", str(folder / "clip.mcap"), "--config", str(folder / "given.yaml"), "--out", str(prepared[kind])]) == 0
+            return prepared[kind]
+        sound, settings = result.load_prepared(ingest("strip")), config.layered((), {}, base=result.stored_settings(ingest("strip")))
+        return result.save_prepared(prepared[kind], replace(sound, clip=in_fading_light(sound.clip, folder / "truth.npz")), settings)
 
     return ingest
 
 
 @pytest.fixture(scope="session")
-def recovered(made_once: MadeOnce, ingested: Callable[[str], Path]) -> Recover:
+def recovered(tmp_path_factory: pytest.TempPathFactory, ingested: Callable[[str], Path]) -> Recover:
     """recovered("strip", "--experiment.image_weight", "0") -> Answer; equal words are recovered once."""
+    answers: dict[tuple[str, ...], Answer] = {}
 
-    def make(kind: str, flags: tuple[str, ...], out: Path) -> None:
-        words = QUICK[kind]
-        quick = [word for pair in zip(words[::2], words[1::2], strict=True) if pair[0] not in flags for word in pair]
-        recovery, clip, settings = solved(ingested(kind), out, *quick, *flags)
-        if not flags:
-            write_recording(out / result.RECORDING, recording(recovery, clip, settings))
-        scored(out, folder_of(kind) / "truth.npz")
-
-    @cache
     def recover(kind: str, *flags: str) -> Answer:
-        name = "recovered_" + re.sub(r"[^a-z0-9_.]+", "_", " ".join((kind, *flags)))
-        return answer_in(made_once(name, partial(make, kind, flags)), folder_of(kind) / "truth.npz")
+        key = (kind, *flags)
+        if key not in answers:
+            out = tmp_path_factory.mktemp("_".join(key).replace("-", "").replace("/", "")[:60])
+            words = QUICK[kind]
+            quick = [word for pair in zip(words[::2], words[1::2], strict=True) if pair[0] not in flags for word in pair]
+            recovery, clip, settings = solved(ingested(kind), out, *quick, *flags)
+            if not flags:
+                write_recording(out / result.RECORDING, recording(recovery, clip, settings))
+            answers[key] = scored(out, folder_of(kind) / "truth.npz")
+        return answers[key]
 
     return recover
 
@@ -138,11 +112,6 @@ def solved(clip: Path, out: Path, *words: str) -> tuple[Recovery, Clip, config.S
 
 
 def scored(folder: Path, truth: Path) -> Answer:
-    """What a result folder holds, against a truth; the figures are beside it from here on."""
+    """What a result folder holds, against a truth."""
     assert main(["score", str(folder), "--truth", str(truth)]) == 0
-    return answer_in(folder, truth)
-
-
-def answer_in(folder: Path, truth: Path) -> Answer:
-    """What a folder holds that was scored."""
     return Answer(folder, result.load(folder), result.read_metrics(folder), net_force(read_truth(truth)))
