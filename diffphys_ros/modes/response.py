@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
+from scipy.fft import irfft, next_fast_len, rfft  # scipy.signal has this convolution, and takes half a second to import
 
 SLOWEST = 1e-3  # [rad/s]; rigid motion is integrated as an oscillation this slow [numerical]
 
@@ -66,4 +66,5 @@ def convolve(pulse: np.ndarray, load: np.ndarray) -> np.ndarray:
 def driven(omega2: np.ndarray, decay: np.ndarray, period_s: float, load: np.ndarray, substeps: int) -> np.ndarray:
     """Displacements (T, r) at the frame times from rest under loads ((T - 1) substeps, r), each constant over its share of a frame; other arguments as for Step."""
     pulse = Step.of(omega2, decay, period_s / substeps).pulse(len(load) + 1)
-    return np.asarray(fftconvolve(pulse, load, axes=0)[: len(load) + 1 : substeps])
+    size = next_fast_len(len(pulse) + len(load) - 1, real=True)
+    return np.asarray(irfft(rfft(pulse, size, axis=0) * rfft(load, size, axis=0), size, axis=0)[: len(load) + 1 : substeps])
