@@ -64,12 +64,13 @@ def of_force(prepared: Prepared, of_young: Confidence, explained: Explained) -> 
     """Whether the force of an answer is known, and a sentence. It is what moves a body of known stiffness as it was seen to move: it needs a
     sound recording, a stiffness, and an answer that leaves of the motion little more than noise."""
     missed, size, noise = (1e3 * value for value in (np.sqrt(3) * explained.rms_m, explained.size_m, prepared.tracks.noise_m))
+    found = f"the answer misses {missed:.2f} mm of a motion of {size:.2f} mm, where the tracks' noise is {noise:.2f} mm"
+    badly = explained_badly(missed, noise, size)
     if prepared.doubts:
-        return False, f"{prepared.doubts[0].text}."
+        return False, f"{prepared.doubts[0].text}." + (f" Its motion is not that of the film either: {found}." if badly else "")
     if not of_young.identified.any():
         return False, f"the force follows from a stiffness that is not identified: {of_young.reasons[0]}"
-    found = f"the answer misses {missed:.2f} mm of a motion of {size:.2f} mm, where the tracks' noise is {noise:.2f} mm"
-    if explained_badly(missed, noise, size):
+    if badly:
         return False, f"{found}: what moved the object so is not in the force; check mask, thickness and parts."
     return True, f"{found}."
 

@@ -80,6 +80,14 @@ def test_a_gap_in_the_clip_takes_the_force_and_leaves_the_stiffness(prepared):
     assert (found.force_identified, found.force_reason) == (False, "frames are missing.")
 
 
+def test_of_a_motion_that_is_not_that_of_the_film_it_is_said_though_the_force_is_doubted_anyway(prepared):
+    """As of a block that bounces higher than its simulation: its trajectory is no measurement."""
+    found = said(replace(prepared, doubts=(GAP,)), missed_m=2 * SIZE_M)
+    assert found.identified.all()
+    assert found.force_reason.startswith("frames are missing. ")
+    assert "misses 20.00 mm of a motion of 10.00 mm" in found.force_reason
+
+
 def test_a_moving_camera_takes_both(prepared):
     found = said(replace(prepared, start=replace(prepared.start, young_lower=np.array([np.nan, 1e4])), doubts=(CAMERA,)))
     assert not found.identified.any()
