@@ -126,7 +126,7 @@ def test_kinds_that_look_at_the_same_scene_have_it_made_once_and_those_of_one_se
 
     kinds = [clips["KINDS"][name] for name in ("told", "mass", "hook")]
     made = calibration.clips_of([7], kinds, tmp_path, Scenes(tmp_path), 2)
-    assert sorted(asked) == [(7, ()), (7, ("--family", "hook", "--quick"))]
+    assert sorted(asked) == [(7, ()), (7, ("--family", "hook"))]
     assert [path.name for path in made] == ["g7-told", "g7-mass", "g7-hook"]
     assert "density_kg_m3" in (made[0] / "given.yaml").read_text()
     assert "mass_kg" in (made[1] / "given.yaml").read_text()
