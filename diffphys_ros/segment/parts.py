@@ -167,7 +167,7 @@ def _side_by_side(parts: np.ndarray, order: list[int], ranks: dict[int, tuple[fl
     for part in order:
         near = cv2.dilate((parts == part).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         touched = np.unique(parts[near])
-        if out and np.isfinite(ranks[part][0]) and ranks[part][0] <= (1 + EQUALLY_FAR) * ranks[out[-1][0]][0] and not np.isin(out[-1], touched).any():
+        if out and ranks[part][0] / (1 + EQUALLY_FAR) < ranks[out[-1][0]][0] and not np.isin(out[-1], touched).any():
             out[-1].append(part)
         else:
             out.append([part])

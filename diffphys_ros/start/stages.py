@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -184,29 +184,32 @@ def _tail(fit: Fit, *, elements: Elements, guess_scale: float) -> Fit:
 
 def _later_tail(fit: Fit) -> Fit:
     """The longest tail that the modes explain, where they miss much of the first: noise and lost frames hide the last of several gusts from
-    what reads forced frames from the motion alone, and a tail with a force in it tells nothing. Where
-    neither half of it nor the least is explained, the rest is not tried."""
+    what reads forced frames from the motion alone, and a tail with a force in it tells nothing."""
     missed = fit.tail.missed_m(fit.physics)
     if missed <= MISSED * fit.tail.sigma_m:
         return fit
-    hz = fit.support.frequencies_hz[0]
+    hz, decay = fit.support.frequencies_hz[0], fit.support.decay_per_s[0]
     room = len(fit.whole.known) - least_tail_frames(hz, fit.evidence.period_s) - fit.support.tail_start
+
+    @cache
+    def begun(by: int) -> tuple[float, Fit]:
+        """A tail that begins so many frames later, and the share of its motion that is missed."""
+        trial = replace(fit, support=fit.support.grown(0, by))
+        trial = trial.at_tail(*trial.tail.fit(fit.physics.young, hz, decay))
+        return trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial
+
     later = range(LATER, room + 1, max(LATER, math.ceil(room / TAILS)))
-    if not later:
-        return fit
-    tried = {by: _begun_later(fit, by) for by in (later[len(later) // 2], later[-1])}
-    if min(share for share, _ in tried.values()) > EXPLAINED * missed / fit.tail.size_m:
-        return fit
-    found = [tried.get(by) or _begun_later(fit, by) for by in later]
-    best = min(share for share, _ in found)
-    return next(trial for share, trial in found if share <= NEAR_BEST * best)
+    by = first_explained(lambda by: begun(by)[0], later, EXPLAINED * missed / fit.tail.size_m)
+    return fit if by is None else begun(by)[1]
 
 
-def _begun_later(fit: Fit, by: int) -> tuple[float, Fit]:
-    """The same with a tail that begins so many frames later; what is missed of its motion comes first."""
-    trial = replace(fit, support=fit.support.grown(0, by))
-    trial = trial.at_tail(*trial.tail.fit(fit.physics.young, fit.support.frequencies_hz[0], fit.support.decay_per_s[0]))
-    return trial.tail.missed_m(trial.physics) / trial.tail.size_m, trial
+def first_explained(missed: Callable[[int], float], places: Sequence[int], most: float) -> int | None:
+    """The first of places (rising) at which little more is missed than at the best of them. None where more than `most` is missed both at the
+    middle one and at the last, in which case no other is tried: each costs a fit."""
+    if not places or min(missed(places[len(places) // 2]), missed(places[-1])) > most:
+        return None
+    best = min(missed(place) for place in places)
+    return next(place for place in places if missed(place) <= NEAR_BEST * best)
 
 
 def _edges(fit: Fit) -> Fit:

@@ -41,12 +41,14 @@ def spread_over_curvature(tail: Tail, physics: Physics) -> np.ndarray:
     parts = len(physics.young)
     if not tail.detuned:
         return np.full(parts, tail.excess(physics))
-    return np.array([max(_worth(tail, physics, Bend.of(tail, physics, untied=untied), part) for untied in (None, part)) for part in range(parts)])
+    bend = Bend.of(tail, physics)
+    return np.maximum(_worth(tail, physics, bend), [_worth(tail, physics, bend.untied(part))[part] for part in range(parts)])
 
 
-def _worth(tail: Tail, physics: Physics, bend: Bend, part: int) -> float:
+def _worth(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
+    """The same under one set of priors."""
     variance = _fit_variance(tail, physics, bend) + (np.log(10.0) * of_shapes(tail, physics, bend)) ** 2
-    return float(np.sqrt(variance[part] / bend.inverse[part, part]))
+    return np.asarray(np.sqrt(variance / np.diag(bend.inverse)[: len(physics.young)]))
 
 
 def _fit_variance(tail: Tail, physics: Physics, bend: Bend) -> np.ndarray:
@@ -81,13 +83,18 @@ class Bend:
     inverse: np.ndarray  # of the Gauss-Newton matrix of both
 
     @classmethod
-    def of(cls, tail: Tail, physics: Physics, untied: int | None = None) -> Bend:
-        """At `physics`; no prior ties the part `untied` to its neighbours."""
+    def of(cls, tail: Tail, physics: Physics) -> Bend:
         parts = len(physics.young)
-        jacobian, prior = tail.slope(physics), prior_residual(np.eye(len(physics.vector())), parts)
-        if untied is not None:
-            prior = prior[prior[:, untied] == 0]
+        return cls.under(tail.slope(physics), prior_residual(np.eye(len(physics.vector())), parts))
+
+    @classmethod
+    def under(cls, jacobian: np.ndarray, prior: np.ndarray) -> Bend:
+        """Of residuals with these derivatives."""
         return cls(jacobian, prior, inverted(jacobian.T @ jacobian + prior.T @ prior))
+
+    def untied(self, part: int) -> Bend:
+        """The same without the prior that ties a part to its neighbours."""
+        return Bend.under(self.jacobian, self.prior[self.prior[:, part] == 0])
 
     def young_by(self, misfits: np.ndarray, parts: int) -> np.ndarray:
         """What ln E per part takes on, (parts, ...), of changes of the misfit (K d, ...) in standard deviations."""

@@ -199,6 +199,21 @@ def test_prongs_that_are_equally_far_are_numbered_from_left_to_right(shorter: in
         assert [named[70, 30], named[5, 10], named[5, 50]] == [1, 2, 3]
 
 
+def test_a_prong_that_begins_farther_out_comes_after_though_it_is_to_the_left() -> None:
+    parts = np.zeros((80, 60), np.uint8)
+    parts[40:80, 25:35], parts[30:40, 5:55], parts[15:30, 5:15] = 3, 3, 3
+    parts[:15, 5:15], parts[:30, 45:55] = 2, 1
+    named = numbered(parts, np.array([30.0, 79.0]))
+    assert [named[70, 30], named[5, 50], named[5, 10]] == [1, 2, 3]
+
+
+def test_parts_that_no_way_leads_to_come_last_the_nearer_before_the_farther_though_that_is_to_the_left() -> None:
+    parts = np.zeros((80, 60), np.uint8)
+    parts[60:, 20:40], parts[:10, :10], parts[40:50, 50:] = 3, 1, 2
+    named = numbered(parts, np.array([30.0, 79.0]))
+    assert [named[70, 30], named[45, 55], named[5, 5]] == [1, 2, 3]
+
+
 def test_parts_in_a_row_are_numbered_outwards_however_short_they_are() -> None:
     parts = np.zeros((10, 100), np.uint8)
     parts[:, 60:], parts[:, 57:60], parts[:, :57] = 1, 3, 2

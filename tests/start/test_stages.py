@@ -15,7 +15,7 @@ from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import joint_values, joint_wanted, start_values, values
 from diffphys_ros.start.force import ForceProblem
 from diffphys_ros.start.free_tail import LEAST_YOUNG, MOST_YOUNG, Physics, Tail
-from diffphys_ros.start.stages import Fit, Stage, active, run
+from diffphys_ros.start.stages import NEAR_BEST, Fit, Stage, active, first_explained, run
 from diffphys_ros.types import Body, StartValues, Tracks
 from diffphys_ros.vibration.forced_frames import LEAST_TAIL_FRAMES, Support
 from tests.made_bar import FORCED, PERIOD_S, YOUNG, bar, camera, gust, modes_of, motion, settings, tracks
@@ -89,6 +89,26 @@ def test_a_clip_that_starts_in_motion_has_that_motion_found_beside_force_and_sti
     _, found = found_jointly(body, first(tracks(truth, q), FORCED.stop + 8), settings(at_rest=False))
     assert np.abs(np.log10(found.young / YOUNG)).max() < 0.03
     assert found.track_cost < 1e-3
+
+
+@pytest.mark.parametrize("explained", [{6}, {10}, {4, 6}, {2, 4, 6, 8, 10}])
+def test_the_longest_tail_that_is_explained_is_looked_for_where_its_half_or_its_end_is(explained: set[int]) -> None:
+    shares = {by: 0.1 if by in explained else 0.4 for by in range(2, 11, 2)}
+    assert first_explained(shares.__getitem__, range(2, 11, 2), 0.2) == min(explained)
+
+
+def test_of_tails_that_are_explained_nearly_alike_the_longest_is_taken() -> None:
+    shares = {2: 0.4, 4: 0.1, 6: 0.1, 8: 0.1, 10: 1.1 * 0.1 / NEAR_BEST}
+    assert first_explained(shares.__getitem__, list(shares), 0.2) == 4
+    shares[10] = 0.9 * 0.1 / NEAR_BEST
+    assert first_explained(shares.__getitem__, list(shares), 0.2) == 10
+
+
+def test_where_neither_half_nor_end_is_explained_no_other_tail_is_tried() -> None:
+    tried: list[int] = []
+    assert first_explained(lambda by: tried.append(by) or 0.4, range(2, 11, 2), 0.2) is None
+    assert sorted(tried) == [6, 10]
+    assert first_explained(lambda by: 0.0, range(2, 2), 0.2) is None
 
 
 @pytest.mark.slow
