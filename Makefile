@@ -13,7 +13,7 @@ help:
 	@echo "make many-clips   a hundred tiny clips in a row through the five nodes; COUNT=n"
 	@echo "make soak         clip after clip for half an hour, a node killed every three minutes: results, latency, memory; MINUTES=n"
 	@echo "make kills        nodes killed and started again, each alone and in pairs, as a table; ONLY=\"fit_node fit_node+splat_node\""
-	@echo "make test         all tests but those of make faults (JOBS=2 on two quiet cores: thirteen minutes, a minute more where Warp has compiled no kernel yet)"
+	@echo "make test         all tests but those of make faults (JOBS=2 on two quiet cores: sixteen minutes, a minute more where Warp has compiled no kernel yet)"
 	@echo "make faults       processes that are killed, starved or fed hostile input, and batches (JOBS=2: five minutes, in three processes)"
 	@echo "make check        ruff, mypy and the quick tests: no nodes, no whole recovery or capture, no pretrained network, nothing of make faults, hardly anything over a second (a minute and a half on two cores)"
 	@echo "make mutants      do the tests notice faults? ONLY=\"descent clamp\" for some, JOBS=n at a time, TABLE=file.md"
