@@ -6,6 +6,7 @@ import faulthandler
 import importlib
 import os
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -17,17 +18,25 @@ from . import middleware
 BAD_INPUT = 2
 CLEAN_UP_S = 8.0  # launch sends SIGTERM after 5 s and SIGKILL after 10
 LOCKED_S = 1.0  # on top of it, for a clean-up that does not let go of the interpreter
+ENDING = (signal.SIGINT, signal.SIGTERM)
 SPIN_S = 0.1  # longest wait between two looks at the signal
 
 
 class Stop:
-    """SIGINT and SIGTERM: the first one ends the process with status 0, later ones must not disturb the clean-up."""
+    """SIGINT and SIGTERM: the first one ends the process with status 0, later ones must not disturb the clean-up.
+
+    Where the main thread hangs in the middleware it never learns of the signal; a thread that does ends the process in time.
+    """
 
     wanted = False
     spinning = False
 
     def __init__(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        told, self._tell = socket.socketpair()
+        self._tell.setblocking(False)
+        signal.set_wakeup_fd(self._tell.fileno(), warn_on_full_buffer=False)
+        threading.Thread(target=self._guard, args=(told,), daemon=True).start()
+        for number in ENDING:
             signal.signal(number, self)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
@@ -39,8 +48,14 @@ class Stop:
     @staticmethod
     def deafen() -> None:
         """Ignore signals from here on."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
+
+    @staticmethod
+    def _guard(told: socket.socket) -> None:
+        while told.recv(1)[0] not in ENDING:  # of other signals nothing follows
+            pass
+        end_in_time(0)
 
 
 def leave(status: int) -> NoReturn:
@@ -75,12 +90,15 @@ def run(module: str, name: str) -> NoReturn:
         sys.excepthook(*sys.exc_info())
     finally:
         stop.deafen()
-        end_in_time(status)
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-        leave(status)
+        clean_up(status, *((node.close, node.destroy_node) if node is not None else ()), rclpy.try_shutdown)
+
+
+def clean_up(status: int, *steps: Callable[[], Any]) -> NoReturn:
+    """Take these steps and end the process with `status`, whatever the middleware waits for."""
+    end_in_time(status)
+    for step in steps:
+        step()
+    leave(status)
 
 
 def end_in_time(status: int) -> None:

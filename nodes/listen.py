@@ -10,13 +10,14 @@ import argparse
 import sys
 import time
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from diffphys_ros.errors import short
 from diffphys_ros.msg_schemas import TOPICS, clouds, messages
 from diffphys_ros.nodes import middleware
+from diffphys_ros.nodes.executables import Stop, clean_up
 
 WANTED = ("~/material_field", "~/force_field", "~/quality")
 HEARD = (*WANTED, "~/progress", "~/net_force")
@@ -133,8 +134,8 @@ def _progress_line(news: dict[str, str], text: str) -> str:
     return f"{news.get('stage', '')}{count}{loss}{left}{': ' + text if text else ''}"
 
 
-def main() -> int:
-    """Listens until the answer is complete; returns the exit status."""
+def main() -> NoReturn:
+    """Listens until the answer is complete."""
     parser = argparse.ArgumentParser(description="Prints what a fit node publishes.")
     parser.add_argument("--node", default="fit_node", help="name of the fit node, with its namespace")
     parser.add_argument("--timeout", type=float, default=float("inf"), help="longest wait [s]")
@@ -149,16 +150,18 @@ def main() -> int:
     listener = Listener(node, options.node)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    until = time.monotonic() + options.timeout
+    until, status = time.monotonic() + options.timeout, 1
     try:
         while not listener.complete and time.monotonic() < until:
             executor.spin_once(timeout_sec=0.2)
+        status = _end(listener, options.out)
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 1
+        pass
+    except Exception:
+        sys.excepthook(*sys.exc_info())
     finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return _end(listener, options.out)
+        Stop.deafen()
+        clean_up(status, node.destroy_node, rclpy.try_shutdown)
 
 
 def _end(listener: Listener, out: str | None) -> int:
@@ -172,4 +175,4 @@ def _end(listener: Listener, out: str | None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -12,16 +12,16 @@ import argparse
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from diffphys_ros.config import Topics
 from diffphys_ros.errors import InputError
 from diffphys_ros.msg_schemas.topics import TRANSFORM
 from diffphys_ros.nodes import middleware
-from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop
+from diffphys_ros.nodes.executables import BAD_INPUT, SPIN_S, Stop, clean_up
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Plays until the end, then waits for a signal."""
     options = _options()
     stop = Stop()
@@ -30,27 +30,33 @@ def main() -> int:
     from rclpy.signals import SignalHandlerOptions
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node, scratch = rclpy.create_node("player"), tempfile.TemporaryDirectory(prefix="diffphys-replay-")
+    node, scratch, status = rclpy.create_node("player"), tempfile.TemporaryDirectory(prefix="diffphys-replay-"), 0
     stop.spinning = True
     try:
         options.bag = _recording(options.bag, Path(scratch.name))
-        player = _player(node, options)
-        if options.inputs:
-            node.get_logger().info(f"waiting until somebody subscribes to {', '.join(sorted(each.topic_name for each in player.outputs.values()))}")
-        while not stop.wanted and options.inputs and not all(each.get_subscription_count() for each in player.outputs.values()):
-            rclpy.spin_once(node, timeout_sec=SPIN_S)  # a driver would not wait; a replay that nobody hears is of no use
-        player.start()
-        while not stop.wanted:
-            rclpy.spin_once(node, timeout_sec=SPIN_S)
+        _play(_player(node, options), node, stop, waits=options.inputs)
     except InputError as error:
+        status = BAD_INPUT
         print(f"replay: {error}", file=sys.stderr)
-        return BAD_INPUT
+    except Exception:
+        status = 1
+        sys.excepthook(*sys.exc_info())
     finally:
         stop.deafen()
-        scratch.cleanup()
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+        clean_up(status, scratch.cleanup, node.destroy_node, rclpy.try_shutdown)
+
+
+def _play(player: Any, node: Any, stop: Stop, *, waits: bool) -> None:
+    """Play until a signal comes; begin when all topics are heard where it `waits` for that: a driver would not, but a replay that nobody hears is of no use."""
+    import rclpy
+
+    if waits:
+        node.get_logger().info(f"waiting until somebody subscribes to {', '.join(sorted(each.topic_name for each in player.outputs.values()))}")
+    while waits and not stop.wanted and not all(each.get_subscription_count() for each in player.outputs.values()):
+        rclpy.spin_once(node, timeout_sec=SPIN_S)
+    player.start()
+    while not stop.wanted:
+        rclpy.spin_once(node, timeout_sec=SPIN_S)
 
 
 def _options() -> argparse.Namespace:
@@ -110,4 +116,4 @@ def plain(message: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

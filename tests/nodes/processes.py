@@ -64,12 +64,12 @@ class Domain:
         """Start a node's executable, its log called `name`; `__` in a parameter's name stands for a dot."""
         words = [w for key, value in parameters.items() for w in ("-p", f"{key.replace('__', '.')}:={value}")]
         code = f"from diffphys_ros.nodes.executables import {executable}; {executable}()"
-        return self.start(name or executable, "-X", "faulthandler", "-c", code, "--ros-args", *words)
+        return self.start(name or executable, "-c", code, "--ros-args", *words)
 
     def start(self, name: str, *arguments: str) -> subprocess.Popen:
-        """Start Python with these arguments."""
+        """Start Python with these arguments; asked with SIGABRT it writes where it stands."""
         with self._log(name).open("w") as log:
-            self.running[name] = subprocess.Popen([sys.executable, *arguments], stdout=log, stderr=subprocess.STDOUT, env=self.environment)
+            self.running[name] = subprocess.Popen([sys.executable, "-X", "faulthandler", *arguments], stdout=log, stderr=subprocess.STDOUT, env=self.environment)
         return self.running[name]
 
     def said(self, name: str) -> str:
