@@ -45,7 +45,7 @@ libc.pthread_mutex_lock(lock)
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_process_whose_main_thread_waits_for_a_lock_for_ever_and_says_where(tmp_path: Path, number: signal.Signals) -> None:
-    """Python tells the main thread of a signal, which must come back from the middleware to hear of it: a replay did not, once in some hundred."""
+    """Python tells the main thread of a signal, which must come back from the middleware to hear of it."""
     with Domain(tmp_path) as domain:
         domain.start("deaf", "-c", DEAF)
         domain.await_words("deaf", "locked")
