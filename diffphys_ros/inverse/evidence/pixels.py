@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, binary_erosion
-from torch.utils.checkpoint import checkpoint
 
 from ...inpaint import scene_behind
 from ...metrics.image import coarser, coarser_mask, depth_loss, image_loss, known_depth
@@ -17,6 +16,7 @@ from ...render import window_around
 from ...types import IGNORE, Clip, object_mask
 from ..carried import CarriedGaussians
 from ..prepared import Prepared
+from .recomputed import Part, recomputed
 from .told import Evidence, Moved, Told
 
 MARGIN_PX = 8  # of the rendered window around the object
@@ -139,8 +139,9 @@ class ImageTerm:
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""
         spans = self.renderer.spans(len(x))
-        of = self._of if len(spans) == 1 else partial(checkpoint, self._of, use_reentrant=False)
-        image, pixels, depth, measured = map(torch.stack, zip(*(of(span, x[span], x0, F[span], mean_square) for span in spans), strict=True))
+        parts = (partial(self._of, span, mean_square=mean_square) for span in spans)
+        of = recomputed if len(spans) > 1 else _at_once
+        image, pixels, depth, measured = map(torch.stack, zip(*(of(part, x[span], x0, F[span]) for part, span in zip(parts, spans, strict=True)), strict=True))
         return _Misfits(_mean(image, pixels), pixels.sum(), _mean(depth, measured), measured.sum())
 
     def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float, block_px: int = 1) -> _Misfits:
@@ -157,6 +158,10 @@ class ImageTerm:
         near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
         known = self.measured[span] & near
         return _Misfits(colours, mask.sum(), depth_loss(depth, self.depth[span], known), known.sum())
+
+
+def _at_once(part: Part, *tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    return part(*tensors)
 
 
 def _mean(values: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
