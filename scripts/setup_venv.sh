@@ -83,6 +83,23 @@ refuse_cuda_wheels() {
     [[ -z $found ]] || stop "torch is a CPU build, yet $found came along; remove $venv and check which package index serves torch"
 }
 
+# Every third pin, from the first, second or third. What fails here is tried again, and said, with the package itself.
+install_share() {
+    local pins
+    mapfile -t pins < <(grep -o '^[[:alnum:]][^ ;]*==[^ ;]*' constraints.txt | grep -v '^torch==' | sed -n "$1~3p")
+    attempt --no-deps "${pins[@]}" || true
+}
+
+# Side by side: to ask for each of 200 packages takes as long as to unpack them.
+install_pins() {
+    local beside
+    install_torch &
+    beside=$!
+    for share in 1 2 3; do install_share "$share" & done
+    wait "$beside" || exit 2
+    wait
+}
+
 main() {
     local stamp=$venv/.set-up
     [[ -f $stamp && $(<"$stamp") == "$(fingerprint)" ]] && return
@@ -90,7 +107,7 @@ main() {
     rm -f "$stamp"
     echo "setup: installing pinned dependencies (a minute or two)"
     : >"$log"
-    install_torch
+    install_pins
     install --editable '.[ros,rerun,models,capture,ray,dev]'
     refuse_cuda_wheels
     fingerprint >"$stamp"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -70,9 +71,15 @@ def push_on_its_corner(modal: ModalModel, push: np.ndarray) -> np.ndarray:
 
 
 def modes_of(body: Body, young: np.ndarray, *, finer: float = 1.0, count: int = 8) -> ModalModel:
-    """Modes at Young's moduli on a mesh of its own size."""
-    mesh = solid_mesh(body, finer * element_size(body))
-    return modal_model(Elements.of(body, mesh), [young], [count])
+    """Modes at Young's moduli on a mesh of its own size; made once for all tests of a process that ask for the same."""
+    asked = pickle.dumps((body, young, finer, count))
+    if asked not in _made:
+        mesh = solid_mesh(body, finer * element_size(body))
+        _made[asked] = modal_model(Elements.of(body, mesh), [young], [count])
+    return _made[asked]
+
+
+_made: dict[bytes, ModalModel] = {}
 
 
 def gust(direction: tuple[float, float, float] = (0.0, 0.6, 1.0), peak: float = 2500.0) -> np.ndarray:
