@@ -28,7 +28,7 @@ from typing import Any
 
 import calibration_known
 from calibration_clips import KINDS, Maker, clips_of, confirmation_seeds, facts_of
-from calibration_table import FREE, MATERIALS, draw, kinds_in, markdown, said, table
+from calibration_table import FREE, MATERIALS, draw, in_short, kinds_in, markdown, said, table
 from clips import ROOT, batched, this_commit
 from notes import RESULTS, refilled
 
@@ -37,6 +37,7 @@ from diffphys_ros.batch.key import program
 from diffphys_ros.errors import InputError
 
 CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN = "choice", "confirmation", "first", "kinds", "evidence", "known"
+SETS = (CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN)
 OF_COMMITS = (CONFIRMATION, FIRST)  # sets whose seeds follow from a commit
 NOT_SIMULATED = ("--experiment.schedule", "linear")  # words for the batch, of first answers
 ABOUT = "run.json"  # in OUT: which seeds, and of which commit
@@ -44,7 +45,8 @@ NAMED = (*FREE, "never_free", "held_out")  # kinds whose rows make the table of 
 OF_EVIDENCE = ("colour", "plain_depth", "plain")  # kinds whose rows tell kinds of evidence apart, beside those of the same seeds with texture and depth
 OF_KNOWLEDGE = ("nothing_colour", "nothing_colour_mask", "nothing_depth", "nothing_depth_mask", "clamp", "thickness")  # kinds that are told less
 BESIDE = {EVIDENCE: ("told",), KNOWN: ("mass", "told")}  # kinds of the choice whose rows, of the same seeds, stand beside those of a set
-PAGE, FIGURES = ROOT / "docs" / "how_sure.md", ROOT / "docs" / "figures"
+PAGE, IN_SHORT = ROOT / "docs" / "measurements" / "calibration.md", ROOT / "docs" / "how_sure.md"  # all figures, and those that say most
+FIGURES = ROOT / "docs" / "figures"
 
 
 def run(options: argparse.Namespace) -> int:
@@ -112,14 +114,12 @@ def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def filled(text: str) -> str:
-    """The page with its tables made from the stored rows."""
-    for name in (CHOICE, CONFIRMATION, FIRST, OTHER_KINDS, EVIDENCE, KNOWN):
-        if _path(name).exists():
-            begin, end = f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
-            made = f"{begin}\n{_known(_shown(name)) if name == KNOWN else _tables(_shown(name))}\n{end}"
-            text, places = re.subn(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.S)
-            if not places:
-                raise InputError(f"{PAGE.name}: has no place {begin} ... {end}; put one where the rows of {name} belong")
+    """A page with its tables made from the stored rows: a set's `<!-- calibration NAME -->`, and `<!-- calibration NAME in short -->`."""
+    for name in filter(lambda name: _path(name).exists(), SETS):
+        rows = _shown(name)
+        for mark, made in ((name, _known(rows) if name == KNOWN else _tables(rows)), (f"{name} in short", "\n\n".join([markdown(in_short(rows, kinds_in(rows))), said(rows)]))):
+            begin, end = f"<!-- calibration {mark} -->", f"<!-- end calibration {mark} -->"
+            text = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=f"{begin}\n{made}\n{end}": made, text, flags=re.S)
     return text
 
 
@@ -211,7 +211,7 @@ def main(arguments: Sequence[str]) -> int:
     except InputError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2
-    return refilled([PAGE], filled, check=options.check)
+    return refilled([PAGE, IN_SHORT], filled, check=options.check)
 
 
 if __name__ == "__main__":

@@ -169,6 +169,27 @@ FIGURES: dict[str, Callable[[Sequence[Row]], str]] = {
 }
 
 
+IN_SHORT = {  # the figures that say most, and what a short table calls them
+    "clips": "clips",
+    "part at the clamp, size of the error of log10 E: median, 90 %": "part at the clamp, error of log10 E: median, 90 %",
+    "outer parts, the same: median of E": "outer parts: median",
+    "published parts inside 1 sd": "published parts inside 1 sd",
+    "inside 2 sd": "inside 2 sd",
+    "beyond 3 sd": "beyond 3 sd",
+    "parts at the clamp that are not identified": "not identified: at the clamp",
+    "outer parts that are not identified": "outer",
+    "net force, median: cosine": "net force: cosine",
+    "rel. rms error, gusts": "its error, gusts",
+    "pokes": "pokes",
+}
+
+
+def in_short(rows: Sequence[Row], kinds: Sequence[str]) -> list[list[str]]:
+    """Lines of a short table, one a kind."""
+    lines = [["", *IN_SHORT.values()], ["---"] * (len(IN_SHORT) + 1)]
+    return lines + [[KINDS[kind].words, *(FIGURES[name]([row for row in rows if row["kind"] == kind]) for name in IN_SHORT)] for kind in kinds]
+
+
 def groups(parts: Sequence[Part]) -> dict[str, list[Part]]:
     """Published parts by number of materials and by order from the clamp."""
     found = {MATERIALS[n]: [p for p in parts if p.published and p.materials == n] for n in MATERIALS}

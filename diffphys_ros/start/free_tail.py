@@ -22,9 +22,9 @@ from ..vibration.forced_frames import FASTEST
 from .untold import TOLD, Untold
 
 MODEL_ERROR = 0.01  # of the motion: geometry, density, large rotations; no fit is trusted beyond it [chosen]
-FREQUENCY_SD = 0.006  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode; with .01 told parts at the clamp lay .45 of their stated deviations off [docs/how_sure.md]
+FREQUENCY_SD = 0.006  # of each mode's log frequency: errors of outline, thickness and density differ from mode to mode; with .01 told parts at the clamp lay .45 of their stated deviations off [docs/measurements/choices.md]
 COUPLING_SD = FREQUENCY_SD / np.sqrt(2.0)  # of two neighbouring modes by the same errors: of a random symmetric matrix, beside its diagonal [derived]
-RATIO_SD = np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts: half of it drew stiff outer parts to their neighbours [docs/how_sure.md]
+RATIO_SD = np.log(10.0)  # prior standard deviation of the log ratio of neighbouring parts: half of it drew stiff outer parts to their neighbours [docs/measurements/choices.md]
 MASS_DAMPING_SD, STIFFNESS_DAMPING_SD = 0.3, 5e-3  # weak priors [1/s], [s]: soft solids damp by their strain rate [chosen]
 MOST_MASS_DAMPING, MOST_STIFFNESS_DAMPING = 10.0, 0.1  # bounds of the search, [1/s], [s] [chosen]
 START_RATIOS = (0.05, 0.2, 0.5, 1.0, 2.5, 8.0)  # of E between parts, at which searches begin [numerical]

@@ -16,7 +16,7 @@ from .second_reading import fit_at
 from .values import one_swing_hz, values_under, widened
 
 UNSEEN = "the motion alone does not show where its free part begins"
-FREED_SD = 0.03  # of log10 E, at the least, by force that is left in such a tail: seven parts at the clamp were off by .009 at the most [docs/how_sure.md]
+FREED_SD = 0.03  # of log10 E, at the least, by force that is left in such a tail: seven parts at the clamp were off by .009 at the most [docs/measurements/choices.md]
 FAINT = 0.3  # of the largest force: what ends a clip with no more may be what the modes miss of a large swing [chosen]
 
 

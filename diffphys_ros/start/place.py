@@ -13,11 +13,11 @@ from ..linear_systems import inverted
 from .force import ForceProblem
 from .free_tail import Physics
 
-WIND = 0.3  # probability of a uniform force from which on it is taken: of 30 runs of choice clips all 16 of winds have more (.36 to 1) and all 14 of pushes less (0 to .15) [docs/how_sure.md]
+WIND = 0.3  # probability of a uniform force from which on it is taken: of 30 runs of choice clips all 16 of winds have more (.36 to 1) and all 14 of pushes less (0 to .15) [docs/measurements/choices.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
 USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
 SURE = 0.1  # square of what a frame misses at the least, over its sigma, where the second order is left open: then a wind and a push may both miss hardly anything [chosen]
-SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/how_sure.md]
+SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/measurements/choices.md]
 EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
 NEARBY_SD = np.array([0.1, 0.1, 0.5])  # of centre, over the body's length, and log width about what was found: as far as the next places that are tried [derived]
 QUARTER = 0.25  # of a leading period: frames that miss the same [chosen]

@@ -18,9 +18,9 @@ from .free_tail import DETUNED, FREQUENCY_SD, Physics, Tail, prior_residual
 HELD_SD = 0.01  # of a mode's log frequency where modes are held to the model: a width, a thickness and a density alone make it [chosen]
 SHAPE_SD = 0.02  # of a mode's shape, root mean square over its own: outline, thickness and parts make one error of it [chosen]
 SMOOTH = 6  # directions, at most, that such an error of held modes is spread over: it is smooth along the body, and strains the parts as stiffness would [chosen]
-UNSEEN_SD = 0.005  # of a mode's shape, root mean square over its own, where the fit misses nothing: stiffness takes on most of such an error [docs/how_sure.md]
-LEADING = 8  # modes along whose shapes an error of a shape lies: 6 to 12 are as likely of 92 outer parts [docs/how_sure.md]
-SILHOUETTE_PX = 0.1  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/how_sure.md]
+UNSEEN_SD = 0.005  # of a mode's shape, root mean square over its own, where the fit misses nothing: stiffness takes on most of such an error [docs/measurements/choices.md]
+LEADING = 8  # modes along whose shapes an error of a shape lies: 6 to 12 are as likely of 92 outer parts [docs/measurements/choices.md]
+SILHOUETTE_PX = 0.1  # standard deviation of the outline's position: with half a pixel 38 of 46 told parts of the choice seeds lay inside the 50 % interval [docs/measurements/choices.md]
 OPEN_SD = 2.6  # of log10 E where nothing is known: solids lie anywhere between 1e3 and 1e12 Pa [derived: standard deviation of an even spread]
 
 

@@ -105,6 +105,18 @@ def test_the_page_shows_the_tables_of_the_stored_rows(calibration) -> None:
     assert calibration.main(["--check"]) == 0, "run: python benchmarks/calibration.py --tables"
 
 
+def test_every_set_of_rows_has_its_table_in_one_page(calibration) -> None:
+    pages = "".join(page.read_text() for page in (calibration.PAGE, calibration.IN_SHORT))
+    assert [pages.count(f"<!-- calibration {name} -->") for name in calibration.SETS] == [1] * len(calibration.SETS)
+
+
+def test_a_short_table_has_a_line_for_each_kind_with_figures_of_the_long_one(tables) -> None:
+    rows = [row([0.004], [0.01], kind="told"), row([0.04], [0.01])]
+    head, _, *lines = tables.in_short(rows, ["told", "mass"])
+    assert [line[0] for line in lines] == ["densities told", "mass told"]
+    assert [line[head.index("beyond 3 sd")] for line in lines] == ["0 of 1", "1 of 1"]
+
+
 @pytest.mark.parametrize("words", [["OUT"], ["OUT", "--seeds", "1-2", "--confirm", "3"], ["OUT", "--seeds", "few"], ["OUT", "--seeds", "1-2", "--first"]])
 def test_a_run_without_one_set_of_seeds_is_refused(calibration, words: list[str], tmp_path: Path, capsys) -> None:
     assert calibration.main([str(tmp_path), *words[1:]]) == 2

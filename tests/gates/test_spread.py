@@ -17,7 +17,7 @@ from diffphys_ros.msg_schemas import clouds
 
 from .conftest import Answer, Recover
 
-OUTLINE_PX = 0.1  # as parts at the clamp tell that were not chosen (docs/how_sure.md)
+OUTLINE_PX = 0.1  # as parts at the clamp tell that were not chosen (docs/measurements/choices.md)
 GRIDS = 0.02  # of log10 E (docs/measurements/accuracy.md)
 DENSITY = 0.5  # of ln(density), between the parts of one object
 LEAST, MOST = 1 / 1.6, 1.2  # factors: half and twice the spread lie beyond
