@@ -48,7 +48,7 @@ kills: setup
 	@$(PY) scripts/kills.py $(if $(ONLY),--nodes $(ONLY))
 
 test: setup
-	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $$(($(JOBS) + 1)) --dist loadfile)
+	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m "not faults" $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile)
 
 faults: setup
 	OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(PY) -m pytest -m faults $(if $(filter-out 1,$(JOBS)),-n $$(($(JOBS) + 1)) --dist loadfile)

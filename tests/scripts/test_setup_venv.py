@@ -56,9 +56,9 @@ class Pip:
     def set_up(self, **environment: str) -> subprocess.CompletedProcess[str]:
         return set_up(self.venv, **environment)
 
-    def installs(self) -> list[str]:
-        """Command lines of pip install so far."""
-        return [line for line in self.calls.read_text().splitlines() if " install " in line]
+    def installs(self, word: str = "") -> list[str]:
+        """Command lines of pip install so far, with that word."""
+        return [line for line in self.calls.read_text().splitlines() if " install " in line and word in line]
 
 
 CPU_INDEX = "--index-url https://download.pytorch.org/whl/cpu"
@@ -69,18 +69,19 @@ on_a_cpu = pytest.mark.skipif(not without_gpu(), reason="the CPU set-up is for x
 def test_a_cpu_torch_that_pip_finds_is_installed_without_asking_another_index(tmp_path: Path) -> None:
     pip = Pip(tmp_path)
     assert pip.set_up().returncode == 0
-    torch, package = pip.installs()
+    (torch,), (package,) = pip.installs("torch=="), pip.installs("--editable")
     assert torch.endswith("+cpu")
     assert CPU_INDEX not in torch
     assert package.endswith("--editable .[ros,rerun,models,capture,ray,dev]")
+    assert pip.installs()[-1] == package
 
 
 @on_a_cpu
 def test_a_cpu_torch_that_pip_does_not_find_comes_from_the_index_of_cpu_builds(tmp_path: Path) -> None:
     pip = Pip(tmp_path, refuses=("--retries 1 torch==",))
     assert pip.set_up().returncode == 0
-    assert CPU_INDEX in pip.installs()[1]
-    assert len(pip.installs()) == 3
+    assert [CPU_INDEX in line for line in pip.installs("torch==")] == [False, True]
+    assert pip.installs("--editable")
 
 
 @on_a_cpu
@@ -88,8 +89,8 @@ def test_without_any_cpu_torch_the_plain_one_comes_and_its_size_is_said(tmp_path
     pip = Pip(tmp_path, refuses=("+cpu",))
     done = pip.set_up()
     assert done.returncode == 0
-    assert "+cpu" not in pip.installs()[2]
-    assert "torch==" in pip.installs()[2]
+    assert ["+cpu" in line for line in pip.installs("torch==")] == [True, True, False]
+    assert pip.installs()[-1] in pip.installs("--editable")
     assert [line for line in done.stdout.splitlines() if "6.6 GB" in line and "no CPU build" in line]
     assert done.stderr == ""
 
@@ -110,6 +111,18 @@ def test_every_installation_keeps_to_the_pins_and_the_second_set_up_does_nothing
     assert all("--constraint constraints.txt" in line for line in pip.installs())
     assert pip.set_up().returncode == 0
     assert pip.calls.read_text() == first
+
+
+def test_every_pin_but_torch_is_asked_for_once_by_itself_and_what_fails_there_ends_nothing(tmp_path: Path) -> None:
+    """Some may not be had for this Python: the package itself says what it needs."""
+    pins = {line.split(";")[0].strip() for line in (SCRIPT.parents[1] / "constraints.txt").read_text().splitlines() if "==" in line and not line.startswith("#")}
+    pip = Pip(tmp_path, refuses=("--no-deps a",))
+    assert pip.set_up().returncode == 0
+    shares = [line.split("--no-deps ")[1].split() for line in pip.installs("--no-deps") if "torch==" not in line]
+    asked = [pin for share in shares for pin in share]
+    assert set(asked) == {pin for pin in pins if not pin.startswith("torch==")}
+    assert len(asked) == len(set(asked))
+    assert len(pip.installs("--editable")) == 1
 
 
 def test_warnings_of_pip_go_to_the_log_alone(tmp_path: Path) -> None:
