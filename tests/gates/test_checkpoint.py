@@ -33,8 +33,11 @@ FIELDS = ("young", "force", "trajectory", "log10_young_sd", "mass_damping", "sti
 
 
 @pytest.fixture(scope="module")
-def clip(ingested: Callable[[str], Path]) -> Path:
-    return ingested("bar")
+def clip(half_sample: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of few pixels: what a checkpoint holds is the same."""
+    prepared = tmp_path_factory.mktemp("half") / "clip.npz"
+    assert main(["ingest", str(half_sample / "clip.mcap"), "--config", str(half_sample / "given.yaml"), "--out", str(prepared)]) == 0
+    return prepared
 
 
 @pytest.fixture(scope="module")
