@@ -61,7 +61,7 @@ attempt() { "$venv/bin/python" -m pip --disable-pip-version-check install --no-c
 torch_version() { "$venv/bin/python" -c 'from importlib.metadata import version; print(version("torch"))' 2>/dev/null || true; }
 
 # The CPU build, from where pip looks anyhow (a local wheel) or from PyTorch's index of CPU builds; without its dependencies, which
-# the next step brings, so that this index is asked for one package only. Where neither has it, the plain wheel does the same.
+# the last step brings, so that this index is asked for one package only, and no package comes twice at a time. Where neither has it, the plain wheel does the same.
 install_torch() {
     local pin
     pin=$(sed -n 's/^torch==\([0-9.]*\).*/\1/p' constraints.txt)
@@ -72,7 +72,7 @@ install_torch() {
         attempt --no-deps --retries 1 --timeout 10 --index-url "$cpu_index" "torch==$pin+cpu" && return
         echo "setup: no CPU build of torch $pin can be reached for this Python; the plain one comes in its place, 6.6 GB with CUDA libraries"
     fi
-    install "torch==$pin"
+    install --no-deps "torch==$pin"
 }
 
 # A CPU build that was followed by CUDA libraries means that an index served something else in its place.

@@ -116,12 +116,13 @@ def test_every_installation_keeps_to_the_pins_and_the_second_set_up_does_nothing
 def test_every_pin_but_torch_is_asked_for_once_by_itself_and_what_fails_there_ends_nothing(tmp_path: Path) -> None:
     """Some may not be had for this Python: the package itself says what it needs."""
     pins = {line.split(";")[0].strip() for line in (SCRIPT.parents[1] / "constraints.txt").read_text().splitlines() if "==" in line and not line.startswith("#")}
-    pip = Pip(tmp_path, refuses=("--no-deps a",))
+    pip = Pip(tmp_path, refuses=("--no-deps a", "+cpu"))
     assert pip.set_up().returncode == 0
     shares = [line.split("--no-deps ")[1].split() for line in pip.installs("--no-deps") if "torch==" not in line]
     asked = [pin for share in shares for pin in share]
     assert set(asked) == {pin for pin in pins if not pin.startswith("torch==")}
     assert len(asked) == len(set(asked))
+    assert all("--no-deps" in line for line in pip.installs() if "--editable" not in line)  # of two at a time neither may bring what the other does
     assert len(pip.installs("--editable")) == 1
 
 
