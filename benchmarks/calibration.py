@@ -115,12 +115,30 @@ def _merged(name: str, made: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def filled(text: str) -> str:
     """A page with its tables made from the stored rows: a set's `<!-- calibration NAME -->`, and `<!-- calibration NAME in short -->`."""
-    for name in filter(lambda name: _path(name).exists(), SETS):
-        rows = _shown(name)
-        for mark, made in ((name, _known(rows) if name == KNOWN else _tables(rows)), (f"{name} in short", "\n\n".join([markdown(in_short(rows, kinds_in(rows))), said(rows)]))):
-            begin, end = f"<!-- calibration {mark} -->", f"<!-- end calibration {mark} -->"
-            text = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=f"{begin}\n{made}\n{end}": made, text, flags=re.S)
+    for name in _stored():
+        for mark, tables in ((name, _known if name == KNOWN else _tables), (f"{name} in short", _in_short)):
+            begin, end = _marks(mark)
+            text = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, name=name, tables=tables, begin=begin, end=end: f"{begin}\n{tables(_shown(name))}\n{end}", text, flags=re.S)
     return text
+
+
+def _check_places() -> None:
+    """Raises InputError where a set of rows has no table in any page."""
+    pages = "".join(page.read_text() for page in (PAGE, IN_SHORT))
+    for name in _stored():
+        begin, end = _marks(name)
+        if not re.search(f"{re.escape(begin)}.*?{re.escape(end)}", pages, flags=re.S):
+            raise InputError(f"{PAGE.name}, {IN_SHORT.name}: have no place {begin} ... {end}; put one where the rows of {name} belong")
+
+
+def _marks(name: str) -> tuple[str, str]:
+    """Between which a table stands."""
+    return f"<!-- calibration {name} -->", f"<!-- end calibration {name} -->"
+
+
+def _stored() -> list[str]:
+    """Sets that have rows."""
+    return [name for name in SETS if _path(name).exists()]
 
 
 def _shown(name: str) -> list[dict[str, Any]]:
@@ -134,15 +152,24 @@ def _shown(name: str) -> list[dict[str, Any]]:
 
 def _known(rows: list[dict[str, Any]]) -> str:
     kinds = [kind for kind in (*OF_KNOWLEDGE, *BESIDE[KNOWN]) if kind in kinds_in(rows)]
-    return "\n\n".join([markdown(calibration_known.table(rows, kinds)), said(rows)])
+    return _with_origin(calibration_known.table(rows, kinds), rows)
+
+
+def _in_short(rows: list[dict[str, Any]]) -> str:
+    return _with_origin(in_short(rows, kinds_in(rows)), rows)
 
 
 def _tables(rows: list[dict[str, Any]]) -> str:
     kinds = kinds_in(rows)
     if set(kinds) <= set(KINDS) - {*NAMED, *OF_EVIDENCE}:
-        return "\n\n".join([markdown(table(rows, kinds)), said(rows)])
+        return _with_origin(table(rows, kinds), rows)
     apart = [f"<details><summary>Clips of {words}</summary>\n\n{markdown(table(rows, kinds, n))}\n\n</details>" for n, words in MATERIALS.items() if any(row["materials"] == n for row in rows)]
-    return "\n\n".join([markdown(table(rows, kinds)), *apart, said(rows)])
+    return _with_origin(table(rows, kinds), rows, *apart)
+
+
+def _with_origin(lines: Sequence[Sequence[str]], rows: list[dict[str, Any]], *more: str) -> str:
+    """A table, more of them, and what they were measured on."""
+    return "\n\n".join([markdown(lines), *more, said(rows)])
 
 
 def _path(name: str) -> Path:
@@ -208,6 +235,7 @@ def main(arguments: Sequence[str]) -> int:
             if options.first and not options.confirm:
                 raise InputError("--first goes with --confirm, not with --seeds")
             return run(options)
+        _check_places()
     except InputError as error:
         print(f"calibration: {error}", file=sys.stderr)
         return 2

@@ -110,6 +110,14 @@ def test_every_set_of_rows_has_its_table_in_one_page(calibration) -> None:
     assert [pages.count(f"<!-- calibration {name} -->") for name in calibration.SETS] == [1] * len(calibration.SETS)
 
 
+def test_rows_without_a_place_for_their_table_are_refused(calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(calibration.PAGE.read_text().replace("<!-- calibration kinds -->", ""))
+    monkeypatch.setattr(calibration, "PAGE", page)
+    assert calibration.main(["--check"]) == 2
+    assert "have no place <!-- calibration kinds --> ... <!-- end calibration kinds -->" in capsys.readouterr().err
+
+
 def test_a_short_table_has_a_line_for_each_kind_with_figures_of_the_long_one(tables) -> None:
     rows = [row([0.004], [0.01], kind="told"), row([0.04], [0.01])]
     head, _, *lines = tables.in_short(rows, ["told", "mass"])

@@ -139,9 +139,10 @@ class ImageTerm:
     def _misfits(self, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float) -> _Misfits:
         """Of particles x (S, P, 3), F (S, P, 3, 3) in the chosen frames, as many of them at a time as memory is meant for."""
         spans = self.renderer.spans(len(x))
-        parts = (partial(self._of, span, mean_square=mean_square) for span in spans)
-        of = recomputed if len(spans) > 1 else _at_once
-        image, pixels, depth, measured = map(torch.stack, zip(*(of(part, x[span], x0, F[span]) for part, span in zip(parts, spans, strict=True)), strict=True))
+        parts: list[Part] = [partial(self._of, span, mean_square=mean_square) for span in spans]
+        if len(parts) > 1:
+            parts = [partial(recomputed, part) for part in parts]
+        image, pixels, depth, measured = map(torch.stack, zip(*(part(x[span], x0, F[span]) for part, span in zip(parts, spans, strict=True)), strict=True))
         return _Misfits(_mean(image, pixels), pixels.sum(), _mean(depth, measured), measured.sum())
 
     def _of(self, span: slice, x: torch.Tensor, x0: torch.Tensor, F: torch.Tensor, mean_square: float, block_px: int = 1) -> _Misfits:
@@ -158,10 +159,6 @@ class ImageTerm:
         near = (depth.detach() - self.depth[span]).abs() < GROSS * mean_square**0.5
         known = self.measured[span] & near
         return _Misfits(colours, mask.sum(), depth_loss(depth, self.depth[span], known), known.sum())
-
-
-def _at_once(part: Part, *tensors: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    return part(*tensors)
 
 
 def _mean(values: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:

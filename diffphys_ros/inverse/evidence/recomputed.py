@@ -26,12 +26,12 @@ class _Recomputed(torch.autograd.Function):
         return results
 
     @staticmethod
-    def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         needed = ctx.needs_input_grad[1:]
         tensors = [tensor.detach().requires_grad_(need) for tensor, need in zip(ctx.saved_tensors, needed, strict=True)]
         with torch.enable_grad():
             results = ctx.part(*tensors)
-            by = [(result * gradient).sum() for result, gradient in zip(results, gradients, strict=True) if result.requires_grad and gradient is not None]
+            by = [(result * gradient).sum() for result, gradient in zip(results, gradients, strict=True) if result.requires_grad]
             # of a number: gradients of results, told to grad, have it import sympy
             found = iter(torch.autograd.grad(sum(by[1:], by[0]), [tensor for tensor in tensors if tensor.requires_grad], allow_unused=True))
         return None, *(next(found) if need else None for need in needed)
