@@ -51,3 +51,24 @@ def test_a_signal_ends_a_process_whose_main_thread_waits_for_a_lock_for_ever_and
         domain.await_words("deaf", "locked")
         assert domain.end("deaf", number) == 0
         assert 'File "<string>", line 9' in domain.said("deaf")
+
+
+HEARS = """
+import signal, time
+from diffphys_ros.nodes import executables
+executables.CLEAN_UP_S = 0.2
+executables.Stop()
+signal.signal(signal.SIGUSR1, lambda number, frame: print("heard", flush=True))
+print("ready", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_signal_of_another_kind_ends_nothing(tmp_path: Path) -> None:
+    with Domain(tmp_path) as domain:
+        process = domain.start("hears", "-c", HEARS)
+        domain.await_words("hears", "ready")
+        process.send_signal(signal.SIGUSR1)
+        domain.await_words("hears", "heard")
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(1.0)

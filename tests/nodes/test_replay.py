@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
 import rclpy.node
+from std_msgs.msg import Empty
 
 from diffphys_ros.nodes import replay
 from diffphys_ros.nodes.qos import RELIABLE_DEPTH
@@ -26,3 +28,18 @@ def test_images_wait_for_a_subscriber_that_is_late(half_sample: Path, domain: in
         rclpy.shutdown()
     assert kept
     assert set(kept.values()) == {least}
+
+
+def test_a_recording_that_stands_in_for_no_camera_is_played_though_nobody_listens(domain: int) -> None:
+    rclpy.init(domain_id=domain)
+    node = rclpy.node.Node("player")
+    stop, heard_at_start = SimpleNamespace(wanted=False), []
+    try:
+        output = node.create_publisher(Empty, "nobody_listens", 1)
+        node.create_timer(1.0, lambda: setattr(stop, "wanted", True))
+        player = SimpleNamespace(outputs={"nobody_listens": output}, start=lambda: heard_at_start.append(stop.wanted))
+        replay._play(player, node, stop, waits=False)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+    assert heard_at_start == [False]
