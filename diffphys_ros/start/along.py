@@ -5,7 +5,7 @@ The frame's x is the normal of the face that was told or drawn as held, and a ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,12 +39,17 @@ class Stiff:
         squares, shapes = modal.eigen(modal.reference)
         if squares[0] < HELD * squares[-1]:
             return only
-        across = np.array([[-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-        sag = ((shapes.T @ modal.footprint_load() @ across.T) ** 2 / squares[:, None]).sum(0)
+        across = both_across(along)
+        sag = gives_way(squares, shapes.T @ modal.footprint_load(), across)
         ratio = sag.min() / sag.max()
         if ratio > AXIAL_SHARE:
             return only
         return cls(np.stack([along, across[sag.argmin()]]), np.array([ALONG, IN_PLANE]), np.array([DEARER, ratio]))
+
+    @property
+    def freed(self) -> Stiff:
+        """The same where a force along the body costs as much as one across."""
+        return replace(self, prices=np.r_[1.0, self.prices[1:]])
 
     @property
     def costs(self) -> np.ndarray:
@@ -65,6 +70,16 @@ class Stiff:
     def expected(self) -> np.ndarray:
         """Mean squares of a force these ways over that at right angles to the body, between components, (3, 3)."""
         return self.ways.T @ (self.shares[:, None] ** 2 * self.ways)
+
+
+def both_across(along: np.ndarray) -> np.ndarray:
+    """Unit vectors (2, 3) at right angles to one along the body, (3,), which has no z."""
+    return np.array([[-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+
+
+def gives_way(squares: np.ndarray, load: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """How far a held body with squared frequencies (r,) [1/s^2] gives way to steady loads (r, 3) on its eigenmodes that act these ways (k, 3), where they act: (k,)."""
+    return np.asarray(((load @ ways.T) ** 2 / squares[:, None]).sum(0))
 
 
 def along_of(body: Body) -> np.ndarray:

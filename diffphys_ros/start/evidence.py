@@ -114,7 +114,9 @@ class Evidence:
         return ForceProblem(modal, seen, self.period_s, known, support.allowed, self.at_rest, sigma, unit, largest, calm, along_of(self.body), depth, self.motion.coherent_m)
 
     def second_order(self, problem: ForceProblem) -> ForceProblem | None:
-        """The same with what the tracks hold of second order left open; None where they hold none."""
+        """The same, of the tracks as they are, with what they hold of second order left open; None where they hold none. What was fitted as a product first has
+        part of what the force did with it: beside a force that twists a body while it bends, millimetres of that twist."""
         if not (self.at_rest and self.of_points and self.body.clamped and not self.first_order):
             return None
-        return replace(problem, swing=LargeSwing.of(self.motion, problem.seen, problem.modal, problem.sigma_m, self.period_s))
+        swing = LargeSwing.of(self.motion, problem.seen, problem.modal, problem.sigma_m, self.period_s)
+        return replace(problem, seen=problem.seen.as_tracked, swing=swing)

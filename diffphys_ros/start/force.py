@@ -14,9 +14,9 @@ from ..footprints import Footprint
 from ..linear_systems import inverted, solved
 from ..modes.interpolation import quadrature
 from ..modes.model import ModalModel
-from ..modes.response import Step
+from ..modes.response import SLOWEST, Step
 from ..vibration.coordinates import Projection
-from .along import Stiff, beside
+from .along import AXIAL_SHARE, Stiff, beside, both_across, gives_way
 from .free_tail import DETUNED, Physics, physical, prior_residual
 from .large_swing import LargeSwing
 
@@ -101,22 +101,32 @@ class ForceProblem:
     @cached_property
     def _calm(self) -> np.ndarray:
         """Rows of the priors, which are the same whatever the physics and the footprint."""
+        return self._calm_of(self.stiff)
+
+    @cached_property
+    def _calm_freely(self) -> np.ndarray:
+        """The same where a force along the body moves it as one across does."""
+        return self._calm_of(self.stiff.freed)
+
+    def _calm_of(self, stiff: Stiff) -> np.ndarray:
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
         heaviness, unknowns = self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial
         if self.expected is None:
-            return _calming(heaviness, self.stiff.costs, unknowns)
-        rows = np.vstack([np.kron(each / share, way) for each, way, share in zip(self.expected, self.stiff.ways, self.stiff.shares, strict=True)])
-        return np.vstack([_calming(heaviness, beside(self.stiff.ways), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
+            return _calming(heaviness, stiff.costs, unknowns)
+        rows = np.vstack([np.kron(each / share, way) for each, way, share in zip(self.expected, stiff.ways, stiff.shares, strict=True)])
+        return np.vstack([_calming(heaviness, beside(stiff.ways), unknowns), np.pad(rows, ((0, 0), (0, unknowns - rows.shape[1])))])
 
     def _told(self, over_time: np.ndarray) -> np.ndarray:
         """Motions (T, ...) [m] as they count, in standard deviations, in the known frames, (K, ...)."""
         known = over_time[self.known] / self.sigma_m
         return known if self.swing is None else self.swing.products.weighed(known)
 
-    def solve(self, physics: Physics, footprint: np.ndarray) -> Solution:
-        """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load."""
+    def solve(self, physics: Physics, footprint: np.ndarray, *, freely: bool = False) -> Solution:
+        """Regularised least squares for the amplitudes (and the initial motion); footprint (r, 3) from footprint_load. `freely`: a force along the body costs no
+        more than one across where it moves the body as well, such as a push on a branch."""
         system = self.system(physics, footprint)
-        unknown, residual = self._least_squares(system)
+        calm = self._calm_freely if freely and self.moves_along(physics, footprint) else self._calm
+        unknown, residual = self._least_squares(system, calm)
         force, split = np.zeros((len(self.known), 3)), 3 * int(self.allowed.sum())
         force[self.allowed] = unknown[:split].reshape(-1, 3) * system.unit
         start = system.initial_unit * unknown[split:].reshape(system.initial_unit.shape)
@@ -132,9 +142,15 @@ class ForceProblem:
         it, a force makes up for that, and they say how far."""
         return solution.residual if self.swing is None else self.missed(solution).ravel()
 
-    def solve_under(self, physics: Physics, footprint: Footprint) -> Solution:
+    def solve_under(self, physics: Physics, footprint: Footprint, *, freely: bool = False) -> Solution:
         """The same under a member of a family."""
-        return self.solve(physics, self.footprint_load(footprint))
+        return self.solve(physics, self.footprint_load(footprint), freely=freely)
+
+    def moves_along(self, physics: Physics, footprint: np.ndarray) -> bool:
+        """Whether a body gives way to a force along it, with modal loads `footprint` (r, 3), by more than AXIAL_SHARE of how far it gives way across."""
+        squares, shapes = self.modal.eigen(physics.young, physics.density, physics.poisson)
+        along, *across = gives_way(np.maximum(squares, SLOWEST**2), shapes.T @ footprint, np.vstack([self.along, both_across(self.along)]))
+        return bool(along > AXIAL_SHARE * max(across))
 
     def system(self, physics: Physics, footprint: np.ndarray) -> System:
         """What `solve` solves."""
@@ -188,10 +204,10 @@ class ForceProblem:
         history[:, 0] -= 1.0
         return np.einsum("dk,tjk,jk->tdjk", seen[:, :modes], history, unit).reshape(count, len(seen), 2 * modes)
 
-    def _least_squares(self, system: System) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns (u,), and the residuals over sigma followed by those of the priors."""
-        matrix = np.concatenate([*self._told(system.design), self._calm])
-        target = np.concatenate([self._told(self.seen.data - system.driven).ravel(), np.zeros(len(self._calm))])
+    def _least_squares(self, system: System, calm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (u,), and the residuals over sigma followed by those of the priors, whose rows are `calm` (p, u)."""
+        matrix = np.concatenate([*self._told(system.design), calm])
+        target = np.concatenate([self._told(self.seen.data - system.driven).ravel(), np.zeros(len(calm))])
         normal = matrix.T @ matrix + SINGULAR * np.eye(matrix.shape[1])
         unknown = solved(normal, matrix.T @ target)
         return unknown, target - matrix @ unknown

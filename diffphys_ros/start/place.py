@@ -31,12 +31,17 @@ def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
     """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that motion and usual widths make the likeliest."""
     places = [Footprint(), *problem.local_footprints]
     costs = np.array([_cost(problem, physics, each) for each in places])
-    small = np.array([each.family == "uniform" or each.parameters[2] < TOUCH * problem.extent[2] for each in places])
+    small = np.r_[True, touches(problem, places[1:])]
     likely = before(problem, places)
     if probabilities(unlikely(problem, physics, costs[small]), likely[small], 1.0)[0] > WIND:
         return Footprint()
     local = unlikely(problem, physics, costs[1:]) - 2 * np.log(likely[1:])
-    return _nearby(problem, physics, places[1 + int(local.argmin())])
+    return nearby(problem, physics, places[1 + int(local.argmin())])
+
+
+def touches(problem: ForceProblem, places: Sequence[Footprint]) -> np.ndarray:
+    """Which local places are small enough to speak against a wind, bool (n,)."""
+    return np.array([each.parameters[2] < TOUCH * problem.extent[2] for each in places])
 
 
 def odd_width(problem: ForceProblem, push: Footprint) -> float:
@@ -101,18 +106,18 @@ def leading_frames(problem: ForceProblem, physics: Physics) -> float:
 
 
 def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
-    return float((problem.counted(problem.solve_under(physics, footprint)) ** 2).sum())
+    return float((problem.counted(problem.solve_under(physics, footprint, freely=problem.swing is not None)) ** 2).sum())
 
 
-def _nearby(problem: ForceProblem, physics: Physics, begun: Footprint) -> Footprint:
-    """The likeliest Gaussian footprint in the neighbourhood of one."""
+def nearby(problem: ForceProblem, physics: Physics, begun: Footprint, *, widest: float = WIDEST, missed: float = 0.0) -> Footprint:
+    """The likeliest Gaussian footprint in the neighbourhood of one, no wider than `widest` times the body's length; `missed` as for `unlikely`."""
     low, high, length = problem.extent
 
     def improbable(p: np.ndarray) -> float:
-        if not ((p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < WIDEST):
+        if not ((p[:2] >= low).all() and (p[:2] <= high).all() and NARROWEST < np.exp(p[2]) / length < widest):
             return np.inf
         push = _gaussian(p)
-        return float(unlikely(problem, physics, np.array(_cost(problem, physics, push)))) + odd_width(problem, push)
+        return float(unlikely(problem, physics, np.array(_cost(problem, physics, push)), missed=missed)) + odd_width(problem, push)
 
     start = np.r_[begun.parameters[:2], np.log(begun.parameters[2])]
     simplex = start + np.vstack([np.zeros(3), np.diag(FIRST_MOVES) * (length, length, 1.0)])

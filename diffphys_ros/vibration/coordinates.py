@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,14 +62,22 @@ class Motion:
     @cached_property
     def first_order(self) -> np.ndarray:
         """The displacement without products of the coordinates [m], (T, M, 3); a track that was lost follows the coordinates, and its neighbours beyond them."""
-        _, left = shapes_of(self.coordinates, self.displacement, self.valid, self.begun)
-        beyond = _from_neighbours(_likeness(self.points, self.across), left, self.valid & self.known[:, None])
-        return np.einsum("tk,mck->tmc", self.coordinates, self.shapes) + beyond
+        return self._by_coordinates + _from_neighbours(_likeness(self.points, self.across), self._left, self.valid & self.known[:, None])
 
     @property
     def second_order(self) -> np.ndarray:
-        """What products of the coordinates were found to move the tracks that were not lost, with their noise [m], (T, M, 3)."""
-        return np.where(self.valid[..., None], self.displacement - self.first_order, 0.0)
+        """What products of the coordinates were found to move the tracks [m], (T, M, 3): with `first_order`, the displacement itself, without gaps."""
+        return self.displacement - self._left - self._by_coordinates
+
+    @cached_property
+    def _left(self) -> np.ndarray:
+        """What coordinates and their products leave of the displacement [m], where a track was lost less what they are, (T, M, 3)."""
+        return shapes_of(self.coordinates, self.displacement, self.valid, self.begun)[1]
+
+    @cached_property
+    def _by_coordinates(self) -> np.ndarray:
+        """The displacement by the coordinates alone [m], (T, M, 3)."""
+        return np.einsum("tk,mck->tmc", self.coordinates, self.shapes)
 
     def seen_basis(self, modal: ModalModel) -> np.ndarray:
         """Modal basis at the points as it is observed, (M, 3, r)."""
@@ -92,7 +100,12 @@ class Projection:
 
     data: np.ndarray  # [m], (T, d)
     operator: np.ndarray  # (d, r)
-    second_order: np.ndarray | None = None  # what was left out of the data [m], (T, d); None: not known
+    second_order: np.ndarray | None = None  # what was left out of the data [m], (T, d); None: not known, or nothing
+
+    @property
+    def as_tracked(self) -> Projection:
+        """The same with nothing left out of the data."""
+        return self if self.second_order is None else replace(self, data=self.data + self.second_order)
 
     @classmethod
     def of(cls, motion: Motion, modal: ModalModel) -> Projection:

@@ -88,6 +88,24 @@ def test_a_push_that_the_motion_hardly_tells_from_the_wind_it_is_taken_for_lies_
     assert 0.5 * off < stated < 2 * off
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_push_between_the_places_that_are_tried_makes_a_wind_unsure(body: Body, modal: ModalModel, seed: int) -> None:
+    """None of the tried ones explains it as well as a wind does, of half as much force again: that was stated to .05 and was nine of these off."""
+    length = at(modal, body, np.zeros((FRAMES, modal.modes))).whole.extent[2]
+    there = Footprint("gaussian", np.array([0.67, 0.0, 0.11]) * length)
+    load, rng = modal.footprint_load(there.weights), np.random.default_rng(seed)
+    force = gust((0.0, 1.0, 0.3)) * np.linalg.norm(modal.footprint_load()) / np.linalg.norm(load)
+    q = moved(modal, force, load)
+    missed = alike_errors(modal, rng, 4) * 0.003 * q[:, :4].std(0).max()
+    q[:, :4] += missed - missed[0]
+    fit = replace(at(modal, body, q, seed=seed), footprint=Footprint())
+    doubt = net_force_doubt(fit, np.full(2, 0.01))
+    peak, sd = doubt.peak(doubt.found)
+    true = largest(force * fit.whole.footprint_volume(there))
+    assert peak - true > 0.3 * true
+    assert peak - true < 3.5 * sd
+
+
 def test_frames_without_a_force_are_not_spoken_of_and_what_is_published_has_the_peak_s_size(body: Body, modal: ModalModel) -> None:
     fit = at(modal, body, moved(modal, gust(), modal.footprint_load()))
     doubt = net_force_doubt(fit, np.full(2, 0.01))

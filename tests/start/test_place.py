@@ -16,7 +16,7 @@ from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import largest, net_force_doubt
 from diffphys_ros.start.stages import Fit
 from diffphys_ros.types import Body
-from tests.made_bar import BETA, FRAMES, YOUNG, alike_errors, gust, moved, tracks, true_fit
+from tests.made_bar import BETA, FRAMES, PERIOD_S, YOUNG, alike_errors, bar, gust, modes_of, moved, tracks, true_fit
 
 PHYSICS = Physics(YOUNG, Damping(0.0, BETA), np.zeros(0))
 MISSED = 0.005  # of the motion, alike over a quarter period
@@ -123,11 +123,37 @@ def test_beside_a_second_order_that_is_left_open_two_that_miss_hardly_anything_a
 def test_beside_it_what_calms_a_force_does_not_tell_its_place(body: Body, modal: ModalModel) -> None:
     """A wind that sets in at once costs much by the priors that calm it, which made it a push (seed 948840)."""
     whole = open_beside(body, modal, moved(modal, gust(), modal.footprint_load()))
-    solution = whole.solve_under(PHYSICS, Footprint())
+    solution = whole.solve_under(PHYSICS, Footprint(), freely=True)
     cost = place._cost(whole, PHYSICS, Footprint())
     assert cost == pytest.approx((whole.missed(solution) ** 2).sum())
     assert cost < 0.7 * solution.cost
     assert place._cost(replace(whole, swing=None), PHYSICS, Footprint()) == pytest.approx(replace(whole, swing=None).solve_under(PHYSICS, Footprint()).cost)
+
+
+def test_a_push_on_a_branch_that_acts_along_the_stem_as_well_is_found_where_it_is() -> None:
+    """Held for a force that hardly moves the body, what acts along the stem was priced twenty times what acts across: the place gave way to it, and the force with the place."""
+    stem, young = bar(length=0.3, height=0.3, thickness=0.05, edges=(), pitch=2e-3), np.array([7e5])
+    x, y = np.meshgrid(*(start + stem.pitch_m * np.arange(count) for start, count in zip(stem.origin, stem.inside.shape, strict=True)), indexing="ij")
+    body = replace(stem, inside=(np.abs(y) < 0.025) | ((np.abs(x - 0.2) < 0.025) & (y < 0) & (y > -0.14)))
+    modal, physics, there = modes_of(body, young), replace(PHYSICS, young=young), Footprint("gaussian", np.array([0.2, -0.11, 0.03]))
+    points = np.random.default_rng(0).permutation(modal.nodes[modal.nodes[:, 2] > modal.nodes[:, 2].max() - 1e-6])[:200]
+    still = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)), points=points), young=young).whole
+    load = still.footprint_load(there)
+    force = gust((-0.8, 1.0, 0.25)) * np.linalg.norm(still.uniform_load) / np.linalg.norm(load)
+    q = modal.respond(young, damping=Damping(0.0, BETA), load=force @ load.T, period_s=PERIOD_S)
+    fit = true_fit(body, modal, tracks(modal, q, points=points), young=young)
+    fit = replace(fit, footprint=place.best_footprint(fit.acting, physics))
+    assert fit.acting.moves_along(physics, load)
+    off = fit.last().solve_under(physics, fit.footprint).force * still.footprint_volume(fit.footprint) - force * still.footprint_volume(there)
+    assert np.linalg.norm(off) < 0.3 * np.linalg.norm(force * still.footprint_volume(there))  # .7 so priced
+
+
+def test_a_force_along_a_slim_bar_costs_more_than_one_across_wherever_it_acts() -> None:
+    slim = bar(length=0.4, height=0.04, thickness=0.04, edges=(), pitch=2e-3)
+    young = np.array([7e5])
+    modal, physics = modes_of(slim, young), replace(PHYSICS, young=young)
+    whole = true_fit(slim, modal, tracks(modal, np.zeros((FRAMES, modal.modes))), young=young).whole
+    assert not any(whole.moves_along(physics, whole.footprint_load(each)) for each in (Footprint(), Footprint("gaussian", np.array([0.35, 0.01, 0.04]))))
 
 
 def test_nothing_is_open_near_a_wind(body: Body, modal: ModalModel) -> None:

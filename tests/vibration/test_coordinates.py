@@ -62,6 +62,20 @@ def test_motion_of_first_order_has_no_squares_of_the_coordinates_and_no_gaps():
     assert np.abs(found[..., 0]).max() < 0.6e-3
 
 
+def test_first_and_second_order_are_together_the_tracks_and_what_one_that_was_lost_would_have_shown():
+    height, valid = 0.02 * np.sin(np.linspace(0, 9, 40)), np.ones((40, 60), bool)
+    valid[5:9, ::7] = False
+    curved = seen(height, valid)
+    curved.points[..., 0] -= 4 * height[:, None] ** 2 * SHAPE
+    true = curved.points - curved.points[:1]
+    lost = replace(curved, points=np.where(valid[..., None], curved.points, 0.0))
+    found = observe(BODY, lost)
+    whole = found.first_order + found.second_order
+    np.testing.assert_allclose(whole[found.valid], true[found.valid], atol=1e-12)
+    assert np.abs(true[~valid][:, 0]).max() > 1e-3  # of second order
+    assert np.abs((whole - true)[~valid]).max() < 1e-4
+
+
 def begun_bent(seconds: np.ndarray) -> tuple[Tracks, np.ndarray, np.ndarray]:
     """Points that swing about rest as the bar does, up and sideways at their own frequencies, and are drawn in along it by the square of the height; frame 0 is bent upwards.
     Also the true motions of first order (T, 60), up and sideways."""
