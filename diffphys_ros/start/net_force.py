@@ -7,7 +7,7 @@ first are taken by solving for the force again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from .expected import across_squared, alike, missed_in_stiff_ways, shapes_in_sti
 from .force import ForceProblem, Solution
 from .free_tail import Physics
 from .material_doubt import material_changes
-from .place import TOUCH, before, leading_frames, nearby, open_nearby, probabilities, touches, unlikely
+from .place import before, between_tried, leading_frames, open_nearby, probabilities, unlikely
 from .stages import Fit
 from .uncertainty import Bend
 
@@ -211,23 +211,20 @@ class _Doubt:
         return np.array(found).reshape(-1, len(self.force)).T
 
     def by_place(self) -> tuple[np.ndarray, np.ndarray]:
-        """The net force (m, 3 F) under the footprints that the motion leaves possible, and how probable it makes each, (m,). The likeliest small one is looked for
-        between those that are tried: a push there passes for a wind else, surely."""
+        """The net force (m, 3 F) under the footprints that the motion leaves possible, and how probable it makes each, (m,)."""
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve_under(self.fit.physics, place) for place in places]
-        weight = self._weights(found, places)
-        small = 1 + int(np.where(touches(self.whole, local), weight[1:], -1.0).argmax())
-        places[small] = nearby(self.whole, self.fit.physics, places[small], widest=TOUCH, missed=self.told_squared)
-        found[small] = self.whole.solve_under(self.fit.physics, places[small])
-        weight = self._weights(found, places)
+        costs = np.array([self._cost(each) for each in found])
+        best, between = between_tried(self.whole, self.fit.physics, local, costs[1:], missed=self.told_squared)
+        places[1 + best], found[1 + best] = between, self.whole.solve_under(self.fit.physics, between)
+        costs[1 + best] = self._cost(found[1 + best])
+        weight = probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(self.whole, places), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
 
-    def _weights(self, found: Sequence[Solution], places: Sequence[Footprint]) -> np.ndarray:
-        """How probable the motion makes places under which a force was found, (n,)."""
-        costs = np.array([(self.whole.counted(each) ** 2).sum() for each in found])
-        return probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(self.whole, places), 1.0)
+    def _cost(self, found: Solution) -> float:
+        return float((self.whole.counted(found) ** 2).sum())
 
 
 def _shares(steps: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:

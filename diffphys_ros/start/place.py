@@ -13,11 +13,12 @@ from ..linear_systems import inverted
 from .force import ForceProblem
 from .free_tail import Physics
 
-WIND = 0.3  # probability of a uniform force from which on it is taken: of 30 runs of choice clips all 16 of winds have more (.36 to 1) and all 14 of pushes less (0 to .15) [docs/measurements/choices.md]
+WIND = 0.3  # probability of a uniform force from which on it is taken: of 30 runs of choice clips all 16 of winds have more (.62 to .98) and all 14 of pushes less (0 to .13) [docs/measurements/choices.md]
 TOUCH = 0.2  # widest place, over the body's length, that speaks against a wind: a wider one hardly differs, and errors of the modes make it the better of the two for most winds [chosen]
 USUAL, SPREAD = 0.1, 0.5  # width of a push over the body's length, and the standard deviation of its logarithm: errors of the modes make wide places the better, and a push the larger [chosen]
 SURE = 0.1  # square of what a frame misses at the least, over its sigma, where the second order is left open: then a wind and a push may both miss hardly anything [chosen]
 SHAPES = 2.0  # in which what is missed of a quarter period differs: 1.1 to 6 by its principal components, 3 in the median of those clips [docs/measurements/choices.md]
+MOST_INDEPENDENT = 30.0  # numbers that what is missed holds: errors of the modes repeat from period to period, so that more of them tell no more [docs/measurements/choices.md]
 EVEN = 0.5  # probability of a uniform force before the motion is looked at [chosen]
 NEARBY_SD = np.array([0.1, 0.1, 0.5])  # of centre, over the body's length, and log width about what was found: as far as the next places that are tried [derived]
 QUARTER = 0.25  # of a leading period: frames that miss the same [chosen]
@@ -31,12 +32,22 @@ def best_footprint(problem: ForceProblem, physics: Physics) -> Footprint:
     """Uniform where that is not improbable beside pushes of a small place, else the Gaussian footprint that motion and usual widths make the likeliest."""
     places = [Footprint(), *problem.local_footprints]
     costs = np.array([_cost(problem, physics, each) for each in places])
+    best, between = between_tried(problem, physics, places[1:], costs[1:])
+    places[1 + best], costs[1 + best] = between, _cost(problem, physics, between)
     small = np.r_[True, touches(problem, places[1:])]
     likely = before(problem, places)
     if probabilities(unlikely(problem, physics, costs[small]), likely[small], 1.0)[0] > WIND:
         return Footprint()
     local = unlikely(problem, physics, costs[1:]) - 2 * np.log(likely[1:])
     return nearby(problem, physics, places[1 + int(local.argmin())])
+
+
+def between_tried(problem: ForceProblem, physics: Physics, local: Sequence[Footprint], costs: np.ndarray, *, missed: float = 0.0) -> tuple[int, Footprint]:
+    """Which small one of local places with these costs, (n,), is the likeliest, and the likeliest near it: a push that lies between those that are tried passes
+    for a wind else. `missed` as for `unlikely`."""
+    odd = unlikely(problem, physics, costs, missed=missed) + [odd_width(problem, each) for each in local]
+    best = int(np.where(touches(problem, local), odd, np.inf).argmin())
+    return best, nearby(problem, physics, local[best], widest=TOUCH, missed=missed)
 
 
 def touches(problem: ForceProblem, places: Sequence[Footprint]) -> np.ndarray:
@@ -75,7 +86,7 @@ def _least(problem: ForceProblem, missed: float) -> float:
 
 def independent(problem: ForceProblem, physics: Physics) -> float:
     """How many independent numbers what is missed of a motion holds."""
-    return SHAPES * int(problem.known.sum()) / max(QUARTER * leading_frames(problem, physics), 1.0)
+    return min(SHAPES * int(problem.known.sum()) / max(QUARTER * leading_frames(problem, physics), 1.0), MOST_INDEPENDENT)
 
 
 def open_nearby(problem: ForceProblem, physics: Physics, footprint: Footprint, *, missed: float = 0.0) -> list[Footprint]:

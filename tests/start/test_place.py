@@ -11,7 +11,7 @@ from diffphys_ros.damping import Damping
 from diffphys_ros.footprints import Footprint
 from diffphys_ros.modes import ModalModel
 from diffphys_ros.start import place
-from diffphys_ros.start.force import ForceProblem
+from diffphys_ros.start.force import CENTRES, ForceProblem
 from diffphys_ros.start.free_tail import Physics
 from diffphys_ros.start.net_force import largest, net_force_doubt
 from diffphys_ros.start.stages import Fit
@@ -78,6 +78,31 @@ def test_a_wind_is_given_up_for_a_small_place_that_explains_the_motion_better_an
 
     monkeypatch.setattr(place, "_cost", cost)
     assert place.best_footprint(whole, PHYSICS).family == family
+
+
+def test_a_push_between_the_places_that_are_tried_is_no_wind(body: Body, modal: ModalModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+    low, high, length = whole.extent
+    there = low + (high - low) * np.array([4, 3]) / CENTRES
+
+    def cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
+        if footprint.family == "uniform":
+            return 100.0
+        off = np.linalg.norm(footprint.parameters[:2] - there) / length
+        return 60.0 + 45.0 * (1 - np.exp(-0.5 * (off / 0.05) ** 2))
+
+    monkeypatch.setattr(place, "_cost", cost)
+    assert min(cost(whole, PHYSICS, each) for each in whole.local_footprints) > 90
+    found = place.best_footprint(whole, PHYSICS)
+    assert found.family == "gaussian"
+    np.testing.assert_allclose(found.parameters[:2], there, atol=0.01 * length)
+
+
+def test_a_longer_swing_does_not_tell_a_place_ever_more_surely(body: Body, modal: ModalModel) -> None:
+    """Errors of the modes, which are most of what is missed, are the same in every period."""
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+    short, long, longer = (place.independent(replace(whole, known=np.ones(count, bool)), PHYSICS) for count in (4, 400, 4000))
+    assert short < long == longer
 
 
 def test_some_place_that_is_tried_explains_a_push_between_them(body: Body, modal: ModalModel) -> None:
