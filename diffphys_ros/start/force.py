@@ -109,6 +109,7 @@ class ForceProblem:
         return self._calm_of(self.stiff.freed)
 
     def _calm_of(self, stiff: Stiff) -> np.ndarray:
+        """The same at the prices of these stiff ways, unless it is known what is expected of them."""
         initial = 0 if self.at_rest else min(INITIAL_MODES, self.modal.modes)
         heaviness, unknowns = self.heaviness[self.allowed], 3 * int(self.allowed.sum()) + 2 * initial
         if self.expected is None:
@@ -141,6 +142,10 @@ class ForceProblem:
         """Residuals by which places of a force are compared. What its priors cost is not among them, for they only calm it: but where the second order is not left open beside
         it, a force makes up for that, and they say how far."""
         return solution.residual if self.swing is None else self.missed(solution).ravel()
+
+    def counted_cost(self, solution: Solution) -> float:
+        """The sum of their squares."""
+        return float((self.counted(solution) ** 2).sum())
 
     def solve_under(self, physics: Physics, footprint: Footprint, *, freely: bool = False) -> Solution:
         """The same under a member of a family."""

@@ -215,16 +215,13 @@ class _Doubt:
         local = self.whole.local_footprints + ([] if self.fit.footprint.family == "uniform" else [self.fit.footprint])
         places = [Footprint(), *local]
         found = [self.whole.solve_under(self.fit.physics, place) for place in places]
-        costs = np.array([self._cost(each) for each in found])
+        costs = np.array([self.whole.counted_cost(each) for each in found])
         best, between = between_tried(self.whole, self.fit.physics, local, costs[1:], missed=self.told_squared)
         places[1 + best], found[1 + best] = between, self.whole.solve_under(self.fit.physics, between)
-        costs[1 + best] = self._cost(found[1 + best])
+        costs[1 + best] = self.whole.counted_cost(found[1 + best])
         weight = probabilities(unlikely(self.whole, self.fit.physics, costs, missed=self.told_squared), before(self.whole, places), 1.0)
         likely = np.flatnonzero(weight > UNLIKELY)
         return np.array([self._net(found[k], places[k]) for k in likely]), weight[likely] / weight[likely].sum()
-
-    def _cost(self, found: Solution) -> float:
-        return float((self.whole.counted(found) ** 2).sum())
 
 
 def _shares(steps: np.ndarray) -> Iterator[tuple[np.ndarray, float]]:

@@ -117,7 +117,7 @@ def leading_frames(problem: ForceProblem, physics: Physics) -> float:
 
 
 def _cost(problem: ForceProblem, physics: Physics, footprint: Footprint) -> float:
-    return float((problem.counted(problem.solve_under(physics, footprint, freely=problem.swing is not None)) ** 2).sum())
+    return problem.counted_cost(problem.solve_under(physics, footprint, freely=problem.swing is not None))
 
 
 def nearby(problem: ForceProblem, physics: Physics, begun: Footprint, *, widest: float = WIDEST, missed: float = 0.0) -> Footprint:

@@ -98,6 +98,17 @@ def test_a_push_between_the_places_that_are_tried_is_no_wind(body: Body, modal: 
     np.testing.assert_allclose(found.parameters[:2], there, atol=0.01 * length)
 
 
+def test_what_is_looked_for_between_small_places_is_small(body: Body, modal: ModalModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wider ones explain most winds better than a wind does: one that has grown wide would speak against it in the name of a small one."""
+    whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
+    length = whole.extent[2]
+    monkeypatch.setattr(place, "_cost", lambda problem, physics, footprint: 100.0 / (footprint.parameters[2] / length) ** 2)
+    costs = np.array([place._cost(whole, PHYSICS, each) for each in whole.local_footprints])
+    best, found = place.between_tried(whole, PHYSICS, whole.local_footprints, costs)
+    assert whole.local_footprints[best].parameters[2] < found.parameters[2]
+    assert 0.9 * place.TOUCH < found.parameters[2] / length < place.TOUCH
+
+
 def test_a_longer_swing_does_not_tell_a_place_ever_more_surely(body: Body, modal: ModalModel) -> None:
     """Errors of the modes, which are most of what is missed, are the same in every period."""
     whole = true_fit(body, modal, tracks(modal, np.zeros((FRAMES, modal.modes)))).whole
