@@ -66,6 +66,15 @@ def box_clip(box: Box, poses: list[np.ndarray], camera: Camera, *, mount: Box | 
     return replace(clip, depth=(np.round(depths * 1000) / 1000).astype(np.float32)) if depth else clip
 
 
+def limbs_clip(limbs: list[Box], camera: Camera) -> Clip:
+    """A clip of one frame of boxes that are one object of one part, with its depth."""
+    clips = [box_clip(limb, [np.eye(4)], camera) for limb in limbs]
+    depth = np.stack([clip.depth for clip in clips])
+    frames = np.take_along_axis(np.stack([clip.frames for clip in clips]), depth.argmin(0)[None, ..., None], 0)[0]
+    labels = np.any([clip.labels > 0 for clip in clips], 0).astype(np.uint8)
+    return replace(clips[0], frames=frames, labels=labels, depth=depth.min(0))
+
+
 def bar_settings(**values: object) -> Settings:
     """What a person would say about `bar()`; further dotted settings with '__' for the dot."""
     known = {"scene.mass_kg": 0.36, "scene.thickness_m": 0.05, "scene.thickness_axis": [0.0, 1.0, 0.0], "scene.clamp_box_m": [-0.005, -0.03, -0.035, 0.005, 0.03, 0.035]}

@@ -16,7 +16,7 @@ import diffphys_ros
 PACKAGE = Path(diffphys_ros.__file__).parent
 
 GROUND = {"errors", "damping", "footprints", "types", "config", "devices", "progress", "linear_systems", "nuisance", "differences", "rotations", "similarity", "inpaint", "ways", "colours", "hooke"}
-SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border"}  # what several stages need alike; imports the ground alone, but for plainness
+SHARED = {"matching", "measured", "picture", "steady", "surface_plane", "pretrained", "shapes", "plainness", "mask_border", "columns"}  # what several stages need alike; imports the ground alone, but for plainness and columns
 STAGES = {"segment", "depth", "tracks", "outline", "body", "elements", "modes", "vibration", "start", "particles", "prior", "splats", "fields", "simulate", "render", "metrics"}
 LEAVES = {"bags", "msg_schemas"}
 FILES = {"npz", "store"}
@@ -46,6 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "folder": {"errors", "npz", "store"},
     **dict.fromkeys(SHARED, GROUND),
     "plainness": GROUND | {"matching"},
+    "columns": GROUND | {"mask_border"},
     **dict.fromkeys(STAGES, GROUND | SHARED),
     "pretrained": GROUND | {"npz"},
     "metrics": GROUND | SHARED | {"npz"},
@@ -73,7 +74,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 DOORS: dict[str, set[str]] = {
     "warp": {"simulate", "render"},
     "skfem": {"elements"},
-    "cv2": {"matching.py", "mask_border.py", "plainness.py", "steady.py", "segment", "tracks", "outline", "body", "depth", "bags", "capture"},
+    "cv2": {"matching.py", "mask_border.py", "columns.py", "plainness.py", "steady.py", "segment", "tracks", "outline", "body", "depth", "bags", "capture"},
     "rclpy": {"nodes"},
     "mcap": {"bags"},
     "mcap_ros2": {"bags"},

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_fill_holes, label, median_filter
 
+from ..columns import solid_columns
 from ..inpaint import nearest_known
 from ..types import Camera
 
@@ -107,8 +108,9 @@ def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.nd
 
 
 def carved(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, heights: tuple[float, float]) -> np.ndarray:
-    """Cells (nx, ny) whose points at both heights [m] (front and back of a slab) fall onto the object (`soft`, see above): the silhouette without depth."""
-    return np.all([sample(soft, projected(raster, pose, camera, height)[0]) >= 0.5 for height in heights], 0)
+    """Cells (nx, ny) of a slab between two heights [m], front and back, by its silhouette alone (`soft`, see above)."""
+    front, back = (projected(raster, pose, camera, height)[0] for height in heights)
+    return solid_columns(front, back, lambda pixels: sample(soft, pixels) >= 0.5, CELLS_PER_PIXEL)
 
 
 def tidy(inside: np.ndarray, gaps: np.ndarray | None = None) -> np.ndarray:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from ..columns import solid_columns
 from ..config import Settings
 from ..types import Camera, Clip
 from .plane import flat_depth
@@ -30,33 +33,63 @@ def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np
     normal = axis * np.sign((camera.position - centre) @ axis)
     thickness = scene.thickness_m or 0.0
     v, u = np.nonzero(mask)
-    rays = camera.rays(np.stack([u, v], -1).astype(float))
+    slab = _Slab(camera, centre + normal * thickness / 2, normal, thickness)
     depth = np.zeros(mask.shape, np.float32)
-    depth[v, u] = _entry(camera, rays, mask, centre + normal * thickness / 2, normal, thickness)
+    depth[v, u] = slab.entry(np.stack([u, v], -1).astype(float), slab.solid(mask))
     return depth, DepthSource("inflated from the silhouette on the clamp's plane", CLAMP)
 
 
-def _entry(camera: Camera, rays: np.ndarray, mask: np.ndarray, front: np.ndarray, normal: np.ndarray, thickness: float) -> np.ndarray:
-    """Depth [m] (P,) at which rays (P, 3) enter the slab between the plane through `front` across `normal` and that a thickness behind.
+@dataclass(frozen=True)
+class _Slab:
+    """Between a front plane and another one behind it."""
 
-    A point between the planes is inside where its column, continued to either plane, falls into the mask.
-    """
-    slope = rays @ normal
-    towards = np.where(slope < -1e-3, slope, np.nan)
-    nearest = ((front - camera.position) @ normal) / towards
-    entry = np.full(len(rays), np.nan)
-    for layer in np.linspace(0, thickness, LAYERS + 1 if thickness else 1):
-        depth = nearest - layer / towards
-        column = camera.position + rays * depth[:, None] + normal * layer
-        inside = _falls_in(camera, column, mask) & _falls_in(camera, column - normal * thickness, mask)
-        entry = np.where(np.isnan(entry) & inside, depth, entry)
-    depth = np.where(np.isnan(entry), nearest, entry)
-    return np.where(depth > 0, depth, 0.0)
+    camera: Camera
+    front: np.ndarray  # a point of the front plane, world [m], (3,)
+    normal: np.ndarray  # unit, towards the camera, (3,)
+    thickness: float  # [m]
+
+    def solid(self, mask: np.ndarray) -> np.ndarray:
+        """Where, seen on the front plane, the slab is solid (H, W), by its silhouette (H, W)."""
+        rows, columns = (np.flatnonzero(mask.any(1 - axis)) for axis in (0, 1))
+        if not len(rows):
+            return np.zeros_like(mask)
+        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        pixels = np.stack(np.meshgrid(np.arange(box[1].start, box[1].stop), np.arange(box[0].start, box[0].stop)), -1).astype(float)
+        points = self.camera.position + self.camera.rays(pixels.reshape(-1, 2)) * self._reach(pixels.reshape(-1, 2))[:, None]
+        back = self._pixels(points - self.normal * self.thickness).reshape(pixels.shape)
+        solid = np.zeros_like(mask)
+        solid[box] = solid_columns(pixels, back, lambda at: _falls_in(mask, at), 1.0)
+        return solid
+
+    def entry(self, pixels: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """Depth [m] (P,) at which the rays of pixels (P, 2) enter what is solid; 0 where they do not meet the slab."""
+        rays, reach = self.camera.rays(pixels), self._reach(pixels)
+        entry = np.full(len(rays), np.nan)
+        for layer in np.linspace(0, self.thickness, LAYERS + 1 if self.thickness else 1):
+            depth = reach + layer / self._towards(rays)
+            column = self.camera.position + rays * depth[:, None] + self.normal * layer
+            entry = np.where(np.isnan(entry) & _falls_in(solid, self._pixels(column)), depth, entry)
+        depth = np.where(np.isnan(entry), reach, entry)
+        return np.where(depth > 0, depth, 0.0)
+
+    def _towards(self, rays: np.ndarray) -> np.ndarray:
+        """How fast rays (P, 3) go into the slab, per depth; NaN where they do not."""
+        inwards = -(rays @ self.normal)
+        return np.where(inwards > 1e-3, inwards, np.nan)
+
+    def _reach(self, pixels: np.ndarray) -> np.ndarray:
+        """Depth [m] (P,) of the front plane in pixels (P, 2)."""
+        reach: np.ndarray = ((self.camera.position - self.front) @ self.normal) / self._towards(self.camera.rays(pixels))
+        return reach
+
+    def _pixels(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (P, 2) of points (P, 3); far off where there are none."""
+        return np.nan_to_num(self.camera.project(np.nan_to_num(points, nan=np.inf))[0], nan=-1e6, posinf=-1e6, neginf=-1e6)
 
 
-def _falls_in(camera: Camera, points: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    pixels = camera.project(np.nan_to_num(points, nan=np.inf))[0] if len(points) else np.zeros((0, 2))
-    index = np.rint(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(int)
+def _falls_in(mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Whether pixels (..., 2) fall into a mask (H, W)."""
+    index = np.rint(np.clip(pixels, -1e6, 1e6)).astype(int)
     seen = np.all((index >= 0) & (index < (mask.shape[1], mask.shape[0])), axis=-1)
-    index = np.where(seen[:, None], index, 0)
-    return seen & mask[index[:, 1], index[:, 0]]
+    index = np.where(seen[..., None], index, 0)
+    return np.asarray(seen & mask[index[..., 1], index[..., 0]])
