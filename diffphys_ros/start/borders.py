@@ -31,8 +31,8 @@ from .values import start_values, widened
 from .zone_layout import Division, path_length
 
 LEAST_EVIDENCE = 12.0  # for a border, a logarithm: up to 9.8 on 131 bodies without one, all but four below 3.3; 12.3 and more on 25 of 34 with one [docs/limits.md]
-DOUBTFUL_EVIDENCE = 5.0  # of the same, from which on one is not ruled out either: up to 3.2 on 127 of those 131 [docs/limits.md]
-MOST_LEFT = 2.0  # of a frame's misfit over what it may be, with such a border: what the modes miss by more for other reasons raises no doubt [docs/limits.md]
+DOUBTFUL_EVIDENCE = 3.5  # of the same, from which on one is not ruled out either: up to 3.2 on 127 of those 131 [docs/limits.md]
+MOST_LEFT = 2.5  # of a frame's misfit over what it may be, with such a border: what the modes miss by more for other reasons raises no doubt [docs/limits.md]
 ZONE_SD = 0.05  # of ln E of each zone, by outline and thickness: what looks like a border of a few per cent is none [docs/limits.md]
 MODES, VARIED = 8, 3  # of the basis; whose change with every zone's modulus it spans [numerical]
 RATIOS = (0.3, 1.0, 3.0)  # of E beyond the border over that before it, at which searches begin [numerical]
