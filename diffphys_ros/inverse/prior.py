@@ -30,14 +30,15 @@ class Prior:
     DENSITY = 2e-3 / 0.15**2  # of log density: the parts of one object differ by 15 % or so (one standard deviation, in the unit of LOG_YOUNG)
     POISSON = 2e-3  # of one unit of Poisson's ratio
     DAMPING = 2e-3  # likewise of one unit of alpha or beta: where one mode is seen the two can hardly be told apart
-    SMOOTH = 3e-4
+    SMOOTH = 1e-4  # where tracks are followed: three times as much flattens gusts, a third as much lets noise be force
+    UNTRACKED = 3.0  # times that where pictures and depth alone tell the motion, whose noise is more
 
     @classmethod
-    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, ways: np.ndarray, precision: np.ndarray | None = None) -> Prior:
+    def of(cls, layout: Layout, start: StartValues, *, start_scale: float, ways: np.ndarray, precision: np.ndarray | None = None, tracked: bool = True) -> Prior:
         """Priors about the start values (log E, damping, the force in stiff ways) and about zero (changes of the force across them). The search may begin
         `start_scale` times off the start values; the prior stays where they are. `ways` (h, 3) are the
         stiff ones (start/along.py). `precision` (n, n) is the inverse covariance of
-        log E where more is known than the standard deviations."""
+        log E where more is known than the standard deviations. `tracked`: whether tracks are evidence."""
         n = layout.parts
         hessian, centre = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
         of_these = start.material.taken_from(start.log10_young_sd)  # densities and Poisson's ratios, which are held or have priors of their own
@@ -47,7 +48,7 @@ class Prior:
         centre[:n] = -np.log(start_scale)
         hessian[range(n, n + 2), range(n, n + 2)] = cls.DAMPING
         difference = _changes(layout.forced, layout.frames)
-        per_frame = cls.SMOOTH * difference.T @ difference
+        per_frame = cls.SMOOTH * (1.0 if tracked else cls.UNTRACKED) * difference.T @ difference
         cost = costs_of(ways)
         hessian[layout.force_slice, layout.force_slice] = np.kron(per_frame, cost @ cost)
         centre[layout.force_slice] = (start.force[layout.forced] @ ways.T @ ways / layout.force_unit).ravel()

@@ -105,7 +105,7 @@ def problem_on(
     evidence = {kind: term for kind, made in EVIDENCE.items() if (term := made(told)) is not None}
     precision = None if prepared.zones is None else prepared.zones.log_young_precision
     stiff = Stiff.of(along_of(body), prepared.modal, has_depth=prepared.tracks.has_depth)
-    prior = Prior.of(layout, start, start_scale=start_scale, ways=stiff.ways, precision=precision)
+    prior = Prior.of(layout, start, start_scale=start_scale, ways=stiff.ways, precision=precision, tracked=settings.experiment.track_weight > 0)
     weights = settings.experiment
     per_motion = weights.track_weight + (weights.image_weight + weights.depth_weight if "pixels" in evidence else 0.0)
     hessian = per_motion * track_hessian(prepared, layout, target, initial_modes=initial_modes) + prior.hessian + RIDGE * np.eye(layout.size)

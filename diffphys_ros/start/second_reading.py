@@ -21,7 +21,7 @@ from .free_tail import Physics
 from .stages import Fit, footprint_again, physics_again, run
 from .values import of_motion
 
-GAUSSIAN_GAIN = 0.8  # another place must lower the cost below this share of that of the place before [chosen]
+GAUSSIAN_GAIN = 0.5  # another place must lower the cost below this share of that of the place before: a push at a tip that was taken for a wind has .22 of it (tests/inverse/test_second_reading.py), a wind that would be taken for a push .68 (seed 559284) [chosen]
 
 
 def read_again(
