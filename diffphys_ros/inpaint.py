@@ -1,4 +1,4 @@
-"""What was not seen, from what was: the nearest known pixel's value, the scene behind what moves."""
+"""What was not seen, from what was: the value of the nearest pixel, and of the nearest known one, the scene behind what moves."""
 
 from __future__ import annotations
 
@@ -31,3 +31,11 @@ def scene_behind(frames: np.ndarray, shown: np.ndarray, *, least_share: float = 
             seen = np.where(shown[:, band][:, there, None], frames[:, band][:, there].astype(np.float32), np.nan)
             scene[band][there] = np.nanmedian(seen, 0).astype(np.uint8)
     return nearest_known(scene, known)
+
+
+def nearest(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Values of an image (H, W) at the pixels nearest to positions (..., 2); 0 outside."""
+    index = np.rint(pixels).astype(int)
+    inside = ((index >= 0) & (index < image.shape[::-1])).all(-1)
+    index = np.where(inside[..., None], index, 0)
+    return np.where(inside, image[index[..., 1], index[..., 0]], 0)

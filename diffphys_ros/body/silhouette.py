@@ -63,14 +63,6 @@ def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return np.where(inside, upper * (1 - b) + lower * b, 0.0)
 
 
-def nearest(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Values of an image (H, W) at the pixels nearest to positions (..., 2); 0 outside."""
-    index = np.rint(pixels).astype(int)
-    inside = ((index >= 0) & (index < image.shape[::-1])).all(-1)
-    index = np.where(inside[..., None], index, 0)
-    return np.where(inside, image[index[..., 1], index[..., 0]], 0)
-
-
 def surface_height(raster: Raster, pose: np.ndarray, camera: Camera, soft: np.ndarray, depth: np.ndarray, start: float, footprint_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Height of the visible surface above every raster cell, and which cells lie under it.
 

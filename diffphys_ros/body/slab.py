@@ -8,11 +8,10 @@ import numpy as np
 
 from ..config import Scene, Settings, leaves
 from ..errors import InputError
-from ..inpaint import nearest_known
+from ..inpaint import nearest, nearest_known
 from ..measured import scene_of
 from ..types import Body, Clip, object_mask
 from .leaving import line_sd_px, with_edge
-from .silhouette import nearest
 from .solid import Solid, solid_of
 from .view import FrontView, mask_with_depth, view_of
 

@@ -10,9 +10,9 @@ from scipy.ndimage import distance_transform_edt
 
 from ..config import Scene
 from ..errors import InputError
-from ..inpaint import nearest_known
+from ..inpaint import nearest, nearest_known
 from ..picture import along_border, on_plane
-from .silhouette import CELLS_PER_PIXEL, carved, ending, nearest, reaching_clamp, sample, smoothed, surface_height, tidy
+from .silhouette import CELLS_PER_PIXEL, carved, ending, reaching_clamp, sample, smoothed, surface_height, tidy
 from .view import FrontView
 
 FLAT_PX, FLAT_NOISE = 0.5, 4.0  # footprints of a pixel, and standard deviations of the height: a front that recedes by less is flat

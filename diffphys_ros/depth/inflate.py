@@ -8,6 +8,7 @@ import numpy as np
 
 from ..columns import solid_columns
 from ..config import Settings
+from ..inpaint import nearest
 from ..types import Camera, Clip
 from .plane import flat_depth
 from .scale import CLAMP, DepthSource, on_clamp
@@ -20,8 +21,7 @@ def inflated_depth(clip: Clip, mask: np.ndarray, settings: Settings) -> tuple[np
 
     Metric where clamp box, thickness axis and the camera's pose are known: the front lies across the axis, half a thickness before
     the box's centre. Otherwise it lies across the optical axis, where the known size puts it or one metre away: everything metric is
-    then assumed. Pixels whose ray
-    meets the front beside the silhouette see a side face, and get the depth at which the ray enters the slab.
+    then assumed. Pixels whose ray meets the front beside what is solid see a side face, and get the depth at which the ray enters the slab.
     """
     scene, camera = settings.scene, clip.camera
     if not on_clamp(clip, settings):
@@ -50,46 +50,36 @@ class _Slab:
 
     def solid(self, mask: np.ndarray) -> np.ndarray:
         """Where, seen on the front plane, the slab is solid (H, W), by its silhouette (H, W)."""
-        rows, columns = (np.flatnonzero(mask.any(1 - axis)) for axis in (0, 1))
-        if not len(rows):
-            return np.zeros_like(mask)
-        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        pixels = np.stack(np.meshgrid(np.arange(box[1].start, box[1].stop), np.arange(box[0].start, box[0].stop)), -1).astype(float)
-        points = self.camera.position + self.camera.rays(pixels.reshape(-1, 2)) * self._reach(pixels.reshape(-1, 2))[:, None]
-        back = self._pixels(points - self.normal * self.thickness).reshape(pixels.shape)
         solid = np.zeros_like(mask)
-        solid[box] = solid_columns(pixels, back, lambda at: _falls_in(mask, at), 1.0)
+        if mask.any():
+            v, u = (slice(each.min(), each.max() + 1) for each in np.nonzero(mask))
+            front = np.stack(np.meshgrid(np.arange(u.start, u.stop), np.arange(v.start, v.stop)), -1).astype(float)
+            rays = self.camera.rays(front)
+            back = self._pixels(self.camera.position + rays * self._reach(self._towards(rays))[..., None] - self.normal * self.thickness)
+            solid[v, u] = solid_columns(front, back, lambda pixels: nearest(mask, pixels) > 0, 1.0)
         return solid
 
     def entry(self, pixels: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """Depth [m] (P,) at which the rays of pixels (P, 2) enter what is solid; 0 where they do not meet the slab."""
-        rays, reach = self.camera.rays(pixels), self._reach(pixels)
-        entry = np.full(len(rays), np.nan)
+        rays = self.camera.rays(pixels)
+        towards = self._towards(rays)
+        reach, entry = self._reach(towards), np.full(len(rays), np.nan)
         for layer in np.linspace(0, self.thickness, LAYERS + 1 if self.thickness else 1):
-            depth = reach + layer / self._towards(rays)
+            depth = reach + layer / towards
             column = self.camera.position + rays * depth[:, None] + self.normal * layer
-            entry = np.where(np.isnan(entry) & _falls_in(solid, self._pixels(column)), depth, entry)
+            entry = np.where(np.isnan(entry) & (nearest(solid, self._pixels(column)) > 0), depth, entry)
         depth = np.where(np.isnan(entry), reach, entry)
         return np.where(depth > 0, depth, 0.0)
 
     def _towards(self, rays: np.ndarray) -> np.ndarray:
-        """How fast rays (P, 3) go into the slab, per depth; NaN where they do not."""
+        """How fast rays (..., 3) go into the slab, per depth; NaN where they do not."""
         inwards = -(rays @ self.normal)
         return np.where(inwards > 1e-3, inwards, np.nan)
 
-    def _reach(self, pixels: np.ndarray) -> np.ndarray:
-        """Depth [m] (P,) of the front plane in pixels (P, 2)."""
-        reach: np.ndarray = ((self.camera.position - self.front) @ self.normal) / self._towards(self.camera.rays(pixels))
-        return reach
+    def _reach(self, towards: np.ndarray) -> np.ndarray:
+        """Depth [m] (...) at which rays that go `towards` the slab so fast meet its front plane."""
+        return np.asarray(((self.camera.position - self.front) @ self.normal) / towards)
 
     def _pixels(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (P, 2) of points (P, 3); far off where there are none."""
+        """Pixels (..., 2) of points (..., 3); far off where there are none."""
         return np.nan_to_num(self.camera.project(np.nan_to_num(points, nan=np.inf))[0], nan=-1e6, posinf=-1e6, neginf=-1e6)
-
-
-def _falls_in(mask: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Whether pixels (..., 2) fall into a mask (H, W)."""
-    index = np.rint(np.clip(pixels, -1e6, 1e6)).astype(int)
-    seen = np.all((index >= 0) & (index < (mask.shape[1], mask.shape[0])), axis=-1)
-    index = np.where(seen[..., None], index, 0)
-    return np.asarray(seen & mask[index[..., 1], index[..., 0]])

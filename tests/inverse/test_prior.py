@@ -69,3 +69,19 @@ def test_a_force_along_the_body_is_believed_to_be_what_the_first_answer_has_and_
 
     assert cost(True, False, False) == pytest.approx(0.0, abs=1e-12)
     assert 0 < cost(True, True, True) < cost(False, True, True)
+
+
+def test_a_gust_of_a_third_of_a_second_costs_less_than_to_miss_a_fiftieth_of_the_motion(prepared: Prepared) -> None:
+    """Else it pays to flatten it; where pictures and depth alone tell the motion, more is left to the prior."""
+    forced = np.zeros_like(prepared.start.forced)
+    forced[1:10] = True
+    start = replace(prepared.start, forced=forced)
+    layout = Layout.of(start, prepared.body, force_unit=1.0, initial_modes=0, motion_unit=np.zeros((2, 0)), held=())
+    z = np.zeros(layout.size)
+    z[layout.force_slice].reshape(-1, 3)[:, 2] = 2.0 * np.sin(np.pi * (np.arange(9) + 0.5) / 9)  # in units of the accelerations that are seen
+    missed = 0.5 * 0.02**2
+
+    def cost(*, tracked: bool) -> float:
+        return float(Prior.of(layout, start, start_scale=1.0, ways=along_of(prepared.body)[None], tracked=tracked).value(torch.as_tensor(z)))
+
+    assert 0.1 * missed < cost(tracked=True) < missed < cost(tracked=False)
